@@ -30,7 +30,7 @@ def test_runs_numbers_and_images_are_seen_in_mlflow(
         take_picture(browser, screenshots, "mlflow_runs")
 
         open_run(browser, sweep)
-        has_words(browser, f"{len(shown.names)} of {len(shown.names)} runs finished", "highest ADD")
+        has_words(browser, f"{len(shown.names)} of {len(shown.names)} runs finished", "best by ADD")
         assert all(value in table(browser) for value in shown.values)
         unfold(browser)
         take_picture(browser, screenshots, "mlflow_sweep")

@@ -40,6 +40,32 @@ _LADDER_NOTE = (
 )
 
 
+_SPELT = {
+    "literal": "paper to the letter",
+    "patience": "swarm's patience",
+    "recentred": "recentred box",
+    "th": "acceptance threshold",
+    "sequential": "modes one after another",
+    "kernels": "wider kernels",
+    "mask": "masked patches",
+    "cae": "autoencoder, varied light",
+    "hypotheses": "five coarse poses",
+    "relief": "no votes of flat patches",
+    "cycle": "autoencoder, falling rate",
+    "entries": "no flat entries",
+    "screening": "five of sixty poses",
+    "joint": "modes at once",
+    "weights": "weighted votes",
+    "cost": "occluders in the cost",
+    "classifier": "windows with depth",
+    "region": "soft region",
+    "size": "larger patches",
+    "pca": "principal components",
+    "contrastive": "contrastive encoder",
+}
+"""Steps of the ladder in words, where their keys are short for something."""
+
+
 @dataclass(frozen=True)
 class Report:
     """A table with its caption, `notes`, and a figure; `narrow` is the table for a terminal.
@@ -157,7 +183,7 @@ def _steps(results: Sequence[Result]) -> list[_Step]:
     steps = []
     for name, result in runs.items():
         change, before = (result.config["step"][key] or "" for key in ("change", "before"))
-        gain = paired_difference(verdicts.get(before, {}), verdicts[name], "verdict")
+        gain = paired_difference(verdicts.get(before, {}), verdicts[name])
         spent = result.total_ms["median"] - runs.get(before, result).total_ms["median"]
         steps.append(_Step(name, change, before, result, gain, spent))
     return steps
@@ -166,7 +192,7 @@ def _steps(results: Sequence[Result]) -> list[_Step]:
 def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
     """A row a step: recalls, and what it gained; the narrow table fits a terminal."""
     against = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
-    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms"]
+    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "load"]
     rows = []
     for step in steps:
         cells, gained = run_cells(step.result.summary), ["–"] * len(against)
@@ -196,13 +222,31 @@ def _ladder_figures(steps: Sequence[_Step]) -> Table:
 
 
 def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
-    """A row a step, the first at the top: recall on the left, the gain on the right."""
+    """A row a step, the first at the top: recall on the left, the gain on the right.
+
+    A line joins the recall of each step with that of the step that it starts from.
+    """
     recalls = [recall_bar(step.result.add) for step in steps]
     gains = [gain_bar(step.gain) for step in steps]
     panels = [Panel("ADD(-S) recall, 95 % interval", {"": recalls}, recall=True)]
     if any(gains):
         panels.append(Panel("gained against the step that it starts from", {"": gains}))
-    return draw_bars([step.name for step in steps], panels, paper.measured_on(steps[0].result))
+    places = {step.name: place for place, step in enumerate(steps)}
+    rows, above = [], ["", ""]
+    for step in steps:
+        branches = step.before in places and step.before not in above
+        rows.append(_spelt(step.name) + f" (from: {_spelt(step.before)})" * branches)
+        above = [step.name, step.before]
+    figure = draw_bars(rows, panels, paper.measured_on(steps[0].result))
+    for place, step in enumerate(steps):
+        if step.before in places:
+            ends = places[step.before], place
+            figure.axes[0].plot([recalls[end].value for end in ends], ends, color="0.6", zorder=0)
+    return figure
+
+
+def _spelt(step: str) -> str:
+    return _SPELT.get(step, step.replace("_", " "))
 
 
 def _recordings(results: Sequence[Result], found: Sweep) -> Report:

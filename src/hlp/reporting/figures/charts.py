@@ -11,9 +11,16 @@ from hlp.files import write_csv
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import Bar, Panel, draw_bars, recall_bar
+from hlp.reporting.figures.bars import (
+    STAGE_COLORS,
+    Bar,
+    Panel,
+    draw_bars,
+    loads_in_words,
+    recall_bar,
+)
 from hlp.reporting.results import Result
-from hlp.reporting.summary_tables import paper_recalls
+from hlp.reporting.summary_tables import paper_recalls, run_cells
 from hlp.results.recalls import wilson
 
 if TYPE_CHECKING:
@@ -64,10 +71,11 @@ def timing_bars(summary: Mapping[str, Any]) -> "Figure | None":
     if not times:
         return None
     bars = []
-    for time in times.values():
+    for stage, time in times.items():
         median, high = time["median"], time["p95"]
         words = f"{median:.3g}" if median < 1000 else f"{median:.0f}"
-        bars.append(Bar(median, words if high is None else f"{words} ({high:.0f})"))
+        words = words if high is None else f"{words} ({high:.0f})"
+        bars.append(Bar(median, words, color=STAGE_COLORS.get(stage, "#444444")))
     title = "ms for one object in one frame, median (95th percentile)"
     return draw_bars(list(times), [Panel(title, {"": bars})], "")
 
@@ -138,7 +146,9 @@ def _figure(height: float) -> tuple["Figure", "Axes"]:
 BUDGET = "refinement.budget_ms"
 FRONT = "Pareto front"
 _NAME = "recall_by_time"
-_COLUMNS = ("targets", "add_recall", "ci95_low", "ci95_high", "median_ms", "p95_ms", "pareto")
+_COLUMNS = (
+    "targets", "add_recall", "ci95_low", "ci95_high", "median_ms", "p95_ms", "load", "pareto",
+)  # fmt: skip
 _NEAR = 0.05  # of the longest time: labels closer than this are merged
 _WITHIN, _OVER, _BEST = "#0072b2", "#999999", "#d55e00"
 
@@ -157,7 +167,7 @@ def draw_trade_off(folder: Path, runs: Sequence[Result], swept: Sequence[str]) -
     keys = [key for key in swept if any(key in run.chosen for run in runs)]
     front, rows = pareto_front([_point(run) for run in runs]), []
     for place, run in enumerate(runs):
-        times = run.total_ms["median"], run.total_ms["p95"]
+        times = run.total_ms["median"], run.total_ms["p95"], run_cells(run.summary)["load"]
         numbers = (run.targets, run.add["recall"], *run.add["ci95"], *times, int(place in front))
         rows.append([*(run.chosen.get(key, "") for key in keys), *numbers])
     write_csv(table, [*keys, *_COLUMNS], rows)
@@ -194,7 +204,7 @@ def recall_by_time(runs: Sequence[Result], swept: Sequence[str]) -> "Figure":
     series: dict[str, list[Result]] = {}
     for run in sorted(runs, key=_point):
         series.setdefault(run.in_words([key for key in swept if key != BUDGET]), []).append(run)
-    points = [_point(run) for run in runs]
+    points, loads = [_point(run) for run in runs], loads_in_words([run.summary for run in runs])
     longest = max(time for time, _ in points)
     title = f"Recall against time, {runs[0].targets} targets"
     figure, ax = _axes(points, 1.15 * longest, title)  # room for the last label
@@ -203,14 +213,15 @@ def recall_by_time(runs: Sequence[Result], swept: Sequence[str]) -> "Figure":
         times, recalls = zip(*map(_point, members), strict=True)
         below = [run.add["recall"] - run.add["ci95"][0] for run in members]
         above = [run.add["ci95"][1] - run.add["recall"] for run in members]
+        label = name + "".join(loads[runs.index(run)] for run in members)
         drawn = ax.errorbar(times, recalls, (below, above), marker="o", capsize=3,
-                            label=name or None)  # fmt: skip
+                            label=label or None)  # fmt: skip
         beaten = [_point(run) for run in members if _point(run) not in best]
         ax.plot([time for time, _ in beaten], [recall for _, recall in beaten], "o", zorder=5,
                 color=drawn[0].get_color(), markerfacecolor="white")  # fmt: skip
         for text, at in _budget_labels(members, longest) if BUDGET in swept else ():
             ax.annotate(text, at, (6, -4), textcoords="offset points", fontsize=8, va="top")
-    ax.legend(frameon=False, loc="lower right")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure
 
 
