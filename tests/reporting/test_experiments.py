@@ -217,19 +217,18 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
     assert unpadded(row) == "modes 0.750 80 literal +0.500 -0.102 to +0.850 -20"
 
 
-def test_the_ladders_branches_are_lines_and_its_names_are_spelt_out(tmp_path: Path) -> None:
+def test_the_ladders_branches_are_lines_and_its_steps_stand_in_words(tmp_path: Path) -> None:
     folder = ladder(tmp_path / "sweep", ("literal", "modes", "best"))
     manifest = folder / "2" / "manifest.json"
     manifest.write_text(manifest.read_text().replace('"before": "modes"', '"before": "literal"'))
-    (folder / "1" / ".hydra" / "overrides.yaml").write_text('["ladder=th"]')
     (made,) = reports_of(folder)
     assert made.figure is not None
     recalls = made.figure.axes[0]
     names = [label.get_text() for label in recalls.get_yticklabels()]
-    assert names == ["paper to the letter", "acceptance threshold", "best"]
+    assert names == ["what literal is", "what modes is", "what best is"]
     lines = [line.get_xydata().tolist() for line in recalls.get_lines()[-2:]]
     assert lines == [[[0.25, 0], [0.75, 1]], [[0.25, 0], [0.75, 2]]]
-    assert [row[0] for row in made.table.rows] == ["literal", "th", "best"]
+    assert [row[0] for row in made.table.rows] == ["literal", "modes", "best"]  # their keys
 
 
 def test_a_step_whose_predecessor_was_not_run_stands_alone(tmp_path: Path) -> None:

@@ -40,32 +40,6 @@ _LADDER_NOTE = (
 )
 
 
-_SPELT = {
-    "literal": "paper to the letter",
-    "patience": "swarm's patience",
-    "recentred": "recentred box",
-    "th": "acceptance threshold",
-    "sequential": "modes one after another",
-    "kernels": "wider kernels",
-    "mask": "masked patches",
-    "cae": "autoencoder, varied light",
-    "hypotheses": "five coarse poses",
-    "relief": "no votes of flat patches",
-    "cycle": "autoencoder, falling rate",
-    "entries": "no flat entries",
-    "screening": "five of sixty poses",
-    "joint": "modes at once",
-    "weights": "weighted votes",
-    "cost": "occluders in the cost",
-    "classifier": "windows with depth",
-    "region": "soft region",
-    "size": "larger patches",
-    "pca": "principal components",
-    "contrastive": "contrastive encoder",
-}
-"""Steps of the ladder in words, where their keys are short for something."""
-
-
 @dataclass(frozen=True)
 class Report:
     """A table with its caption, `notes`, and a figure; `narrow` is the table for a terminal.
@@ -222,7 +196,7 @@ def _ladder_figures(steps: Sequence[_Step]) -> Table:
 
 
 def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
-    """A row a step, the first at the top: recall on the left, the gain on the right.
+    """A row a step in words, the first at the top: recall on the left, the gain on the right.
 
     A line joins the recall of each step with that of the step that it starts from.
     """
@@ -232,21 +206,13 @@ def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
     if any(gains):
         panels.append(Panel("gained against the step that it starts from", {"": gains}))
     places = {step.name: place for place, step in enumerate(steps)}
-    rows, above = [], ["", ""]
-    for step in steps:
-        branches = step.before in places and step.before not in above
-        rows.append(_spelt(step.name) + f" (from: {_spelt(step.before)})" * branches)
-        above = [step.name, step.before]
+    rows = [step.change for step in steps]
     figure = draw_bars(rows, panels, paper.measured_on(steps[0].result))
     for place, step in enumerate(steps):
         if step.before in places:
             ends = places[step.before], place
             figure.axes[0].plot([recalls[end].value for end in ends], ends, color="0.6", zorder=0)
     return figure
-
-
-def _spelt(step: str) -> str:
-    return _SPELT.get(step, step.replace("_", " "))
 
 
 def _recordings(results: Sequence[Result], found: Sweep) -> Report:

@@ -79,7 +79,7 @@ def test_papers_choice_is_marked_with_its_recall() -> None:
     figure = draw_trend(TRENDS["fig9b"], [*paper, ("method hlp", run(25, 0.9))], "a set")
     add, _, time = figure.axes
     assert words(add.get_yticklabels()) == [
-        "5, method paper", "25, method paper (paper's\nchoice)", "25, method hlp (paper's\nchoice)",
+        "5, method paper", "25, method paper (paper's choice)", "25, method hlp (paper's choice)",
     ]  # fmt: skip
     (paper,) = [line for line in add.get_lines() if line.get_label() == "paper, Table 1"]
     assert paper.get_xydata().tolist() == [[0.96, 1], [0.96, 2]]

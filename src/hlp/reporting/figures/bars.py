@@ -47,7 +47,7 @@ _BAR, _PANEL = 0.2, 2.9  # inches
 _GROUP = 0.8  # share of a row that its bars take up
 _ROOM = 0.3  # of an axis, beyond the data, for the numbers
 _CUT = 0.5  # recalls that are all higher have an axis that begins below them
-_LONGEST = 30  # characters of a row's name on one line
+_LONGEST = 45  # characters of a row's name on one line
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,7 @@ def _draw_groups(ax: "Axes", panel: Panel) -> None:
             ax.barh(places, values, 0.9 * width, label=name, color=colors)
         for y, bar in drawn:
             if bar.interval is not None:
-                line = {"color": color if panel.recall else "#222222", "linewidth": 1.4}
-                ax.plot(bar.interval, (y, y), **line)
+                ax.plot(bar.interval, (y, y), color=color if panel.recall else "#222222")
             end = max(0.0, bar.value, *(bar.interval or ()))
             ax.annotate(bar.text, (end, y), (3, 0), textcoords="offset points", va="center",
                         fontsize=7.5)  # fmt: skip
