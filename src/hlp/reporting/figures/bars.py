@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from hlp.reporting.bench_tables import TIMED, TOTAL, format_ms
-from hlp.reporting.summary_tables import METRIC_LABELS, run_cells
+from hlp.reporting.summary_tables import METRIC_LABELS, paper_recalls, run_cells
 from hlp.results.recalls import CORRECT
 
 if TYPE_CHECKING:
@@ -225,6 +225,16 @@ def recall_bar(metric: Mapping[str, Any]) -> Bar:
     """A recall of `summary.json` with its interval, which older ones lack for objects."""
     recall, ends = float(metric["recall"]), metric.get("ci95")
     return Bar(recall, f"{recall:.3f}", (float(ends[0]), float(ends[1])) if ends else None)
+
+
+def object_bars(summary: Mapping[str, Any]) -> "Figure":
+    """ADD(-S) recall of each object with its 95 % interval; the paper's as a diamond."""
+    scores = summary["per_object"]
+    bars = [recall_bar(score["add"]) for score in scores.values()]
+    paper = paper_recalls([*scores])
+    published = {"paper": paper} if paper else {}
+    panel = Panel("ADD(-S) recall, 95 % interval", {"ours": bars}, recall=True, published=published)
+    return draw_bars(list(scores), [panel], "")
 
 
 def gain_bar(found: tuple[float, Interval] | None) -> Bar | None:
