@@ -125,19 +125,14 @@ class Sweep:
     def highest(self) -> SweepRun | None:
         """The run with the highest recall, or the shortest time, by the first main number.
 
-        The faster one of two; None if fewer than two finished, or if their targets differ.
+        None if fewer than two finished, or if their targets differ.
         """
         name = self.first_main
         found = [run for run in self.finished if name in run.numbers]
         same = {(run.frames_identity, frozenset(run.targets.get(name, ()))) for run in found}
         if len(found) < 2 or len(same) > 1:
             return None
-
-        def rank(run: SweepRun) -> tuple[float, float]:
-            time = run.numbers.get("ms")
-            return self._sign * run.numbers[name].value, -time.value if time else 0.0
-
-        return max(found, key=rank)
+        return max(found, key=lambda run: self._sign * run.numbers[name].value)
 
     @cached_property
     def best(self) -> SweepRun | None:

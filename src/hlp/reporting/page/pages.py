@@ -15,8 +15,8 @@ from hlp.reporting.figures import charts, svg_in_base64
 from hlp.reporting.figures.bars import object_bars
 from hlp.reporting.page import how_to_repeat, in_base64, run_verdict, write_page
 from hlp.reporting.page.report_data import (
+    PANELS,
     ReportData,
-    drawn_frames,
     drawn_stages,
     picture_path,
     read_report_data,
@@ -52,9 +52,8 @@ def write_run_page(folder: Path) -> Path:
     """
     summary, manifest = read_summary(folder / SUMMARY), read_json(folder / MANIFEST)
     targets, kept = read_targets(folder / SCORES), read_report_data(folder)
-    stages, frames = drawn_stages(folder), drawn_frames(folder, _FRAMES)
-    drawn = (*stages.values(), *frames.values())
-    room = _MOST_BYTES - sum(path.stat().st_size for path in drawn)
+    stages, frames = drawn_stages(folder), sorted((folder / PANELS).glob("*_poses.jpg"))[:_FRAMES]
+    room = _MOST_BYTES - sum(path.stat().st_size for path in (*stages.values(), *frames))
     pictures = _pictures(folder, kept, targets, room)
     config: Mapping[str, Any] = manifest.get("config", {})
     return write_page(
@@ -66,7 +65,7 @@ def write_run_page(folder: Path) -> Path:
         objects=objects_table(summary),
         lost=waterfall_tables(summary),
         charts=_charts(folder, summary, targets, kept),
-        frames={key: in_base64(path) for key, path in frames.items()},
+        frames={path.stem.removesuffix("_poses"): in_base64(path) for path in frames},
         times=timing_words(summary),
         scores=" ".join(filter(None, (calibration_words(summary), false_alarm_words(summary)))),
         columns=_COLUMNS,

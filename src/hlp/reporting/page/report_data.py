@@ -43,12 +43,6 @@ _AROUND = 1.1  # diameters from the object's true and found places that are in t
 _UNITS = 10.0  # of a point's coordinates in a millimetre
 
 
-def drawn_frames(run: Path, most: int) -> dict[str, Path]:
-    """Pictures of frames with all poses, by their keys, as many as there are or `most`."""
-    found = sorted((run / PANELS).glob("*_poses.jpg"))[:most]
-    return {path.name.removesuffix("_poses.jpg"): path for path in found}
-
-
 def drawn_stages(run: Path) -> dict[str, Path]:
     """Files of the pictures that a run has drawn, by their captions, in the order of the stages."""
     files = {words: run / STAGES / f"{name}.jpg" for name, words in CAPTIONS.items()}
