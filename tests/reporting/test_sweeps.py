@@ -103,10 +103,10 @@ def test_ties_of_the_best_run_are_named_also_where_it_is_not_the_default(tmp_pat
         write_scored(folder / str(number), {PARTICLES: str(number + 1)}, right, 50.0 - number)
     set_default(folder, "1")
     found = only(folder)
-    assert found.best is found.runs[4]
-    assert found.winner.startswith("particles 5 (0.900), +0.700 (+")
+    assert found.best is found.runs[2]
+    assert found.winner.startswith("particles 3 (0.900), +0.700 (+")
     assert found.winner.endswith(
-        "surely more; a tie with it: particles 3 (0.900), particles 4 (0.900), particles 2 (0.850)"
+        "surely more; a tie with it: particles 4 (0.900), particles 5 (0.900), particles 2 (0.850)"
         " and 1 more"
     )
 
