@@ -122,7 +122,7 @@ def trained(length: int, add: float = 0.5, ms: float = 9.0) -> Result:
 def test_papers_numbers_stand_beside_its_own_setting_alone() -> None:
     runs = [trained(100, 0.7, 300.0), trained(200, 0.8, 350.0), trained(400, 0.75, 500.0)]
     table = trend_table(TRENDS["fig9a"], [("", run) for run in runs])
-    own = ["200", "20", "0.800", "0.700-0.840", "0.600", "0.850", "350", "", "700", "88"]
+    own = ["200", "20", "0.800", "0.700-0.840", "350", "", "0.600", "0.850", "700", "88"]
     assert list(table.rows[1]) == [*own, "0.960", "800"]
     assert [list(row[-2:]) for row in table.rows[::2]] == [["", ""]] * 2
     assert table.header[0] == "length of the local feature" and table.header[-2] == "paper ADD(-S)"

@@ -97,7 +97,7 @@ def trend_table(trend: Trend, runs: Runs) -> Table:
     """
     several = [""] if len({words for words, _ in runs}) > 1 else []
     add, *others = METRIC_LABELS.values()
-    ours = ["targets", add, "95 %", *others, "ms", "load", "ms 95 %", "ms refinement"]
+    ours = ["targets", add, "95 %", "ms", "load", *others, "ms 95 %", "ms refinement"]
     rows = []
     for words, result in runs:
         cells, chosen = run_cells(result.summary), trend.is_papers(result)

@@ -171,7 +171,7 @@ def _draw_stacks(ax: "Axes", panel: Panel, rows: int) -> None:
     for row, text in enumerate(panel.totals):
         ax.annotate(text, (ends[row], row), (4, 0), textcoords="offset points", va="center",
                     fontsize=8)  # fmt: skip
-    room = _ROOM / 10 * max(5, *(len(text) for text in (*panel.totals, "")))
+    room = _ROOM / 9 * max(5, *(len(text) for text in (*panel.totals, "")))
     ax.set_xlim(0.0, (1.0 + room) * (longest or 1.0))
 
 
