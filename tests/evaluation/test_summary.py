@@ -117,7 +117,7 @@ def test_the_interval_is_that_of_a_binomial_where_frames_are_independent():
 
 def test_targets_of_one_frame_are_drawn_together():
     # Twenty targets a frame, all right or all wrong: as uncertain as one target a frame.
-    frames = [_score(i, 6, i % 4 != 0) for i in range(40)]
+    frames = [_score(i, 6, i % 3 != 0) for i in range(40)]
     crowded = [score for score in frames for _ in range(20)]
     single = with_interval(frames, METRICS["add"], 1000, seed=2)["ci95"]
     assert with_interval(crowded, METRICS["add"], 1000, seed=2)["ci95"] == pytest.approx(single)

@@ -55,7 +55,7 @@ def test_tables_say_who_is_right_where(tmp_path: Path) -> None:
         ["cat", "2", "0.000", "1.000", "+1.000", "0", "2", "0.5"],
         ["all targets", "5", "0.600", "0.800", "+0.200", "1", "2", "1"],
     ]
-    assert rows[1][5] == "+1.000 to +1.000"
+    assert rows[1][5] == "+0.070 to +1.000"  # of two targets
     assert [list(row) for row in changes_table(pairs).rows] == [
         ["lost", "1/1", "can", "0.75", "2.0", "40.0", "2.0", "40.0"],
         ["gained", "1/0", "cat", "0.75", "40.0", "2.0", "40.0", "2.0"],

@@ -10,7 +10,7 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import build_settings
-from hlp.reporting.experiments import describe_reports, write_reports
+from hlp.reporting.experiments import describe_reports, reports_of, write_reports
 from hlp.reporting.paper_reports import (
     TABLES,
     TRENDS,
@@ -122,7 +122,7 @@ def trained(length: int, add: float = 0.5, ms: float = 9.0) -> Result:
 def test_papers_numbers_stand_beside_its_own_setting_alone() -> None:
     runs = [trained(100, 0.7, 300.0), trained(200, 0.8, 350.0), trained(400, 0.75, 500.0)]
     table = trend_table(TRENDS["fig9a"], [("", run) for run in runs])
-    own = ["200", "20", "0.800", "0.700-0.840", "0.600", "0.850", "88", "350", "700"]
+    own = ["200", "20", "0.800", "0.700-0.840", "350", "", "0.600", "0.850", "700", "88"]
     assert list(table.rows[1]) == [*own, "0.960", "800"]
     assert [list(row[-2:]) for row in table.rows[::2]] == [["", ""]] * 2
     assert table.header[0] == "length of the local feature" and table.header[-2] == "paper ADD(-S)"
@@ -183,7 +183,7 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
     assert png.stat().st_size and svg.stat().st_size
     rows = csv_rows(table)
     assert [*rows[0]] == [
-        "step", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "AR", "ms", "against",
+        "step", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "AR", "ms", "load", "against",
         "ADD(-S) gained", "95 % of it", "ms more",
     ]  # fmt: skip
     said = [
@@ -195,8 +195,8 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
         ("best", "0.750", "modes", "+0.000", "-20"),
     ]
     assert [row["AR"] for row in rows] == ["0.500", "0.625", "0.750"]
-    # Both frames of `modes` gain one target of two: resamples are alike, and Wilson's width stands.
-    assert rows[1]["95 % of it"] == "+0.010 to +0.990"
+    # Both frames of `modes` gain one target of two: resamples are alike, Wilson's intervals stand.
+    assert rows[1]["95 % of it"] == "-0.102 to +0.850"
     # Frame 0 gains one of two targets, frame 1 loses one: an interval of the paired bootstrap.
     before, after = (np.array(RIGHT[name], dtype=bool) for name in ("modes", "best"))
     assert difference_interval(before, after, np.array([0, 0, 1, 1]), 10_000, 0) == (-0.5, 0.5)
@@ -205,7 +205,7 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
         "step,change,add,add_low,add_high,5cm5deg,iou50,ar,visible_below_0.6,from,gain,gain_low,"
         "gain_high",
         "literal,what literal is,.250,.150,.290,.050,.300,.500,1.000,,,,",
-        "modes,what modes is,.750,.650,.790,.550,.800,.625,1.000,literal,+.500,+.010,+.990",
+        "modes,what modes is,.750,.650,.790,.550,.800,.625,1.000,literal,+.500,-.102,+.850",
         "best,what best is,.750,.650,.790,.550,.800,.750,.000,modes,.000,-.500,+.500",
     ]
     text = markdown.read_text()
@@ -214,7 +214,21 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
     assert "| literal | what literal is | 0.250 |" in shown
     lines = describe_reports(tmp_path, "text").split("\n")
     (row,) = [line for line in lines if "modes " in line[:6]]
-    assert unpadded(row) == "modes 0.750 80 literal +0.500 +0.010 to +0.990 -20"
+    assert unpadded(row) == "modes 0.750 80 literal +0.500 -0.102 to +0.850 -20"
+
+
+def test_the_ladders_branches_are_lines_and_its_steps_stand_in_words(tmp_path: Path) -> None:
+    folder = ladder(tmp_path / "sweep", ("literal", "modes", "best"))
+    manifest = folder / "2" / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"before": "modes"', '"before": "literal"'))
+    (made,) = reports_of(folder)
+    assert made.figure is not None
+    recalls = made.figure.axes[0]
+    names = [label.get_text() for label in recalls.get_yticklabels()]
+    assert names == ["what literal is", "what modes is", "what best is"]
+    lines = [line.get_xydata().tolist() for line in recalls.get_lines()[-2:]]
+    assert lines == [[[0.25, 0], [0.75, 1]], [[0.25, 0], [0.75, 2]]]
+    assert [row[0] for row in made.table.rows] == ["literal", "modes", "best"]  # their keys
 
 
 def test_a_step_whose_predecessor_was_not_run_stands_alone(tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_a_sweep_has_the_figures_of_its_best_run(tmp_path: Path) -> None:
     for run, (recall, ms) in enumerate([(0.5, 40.0), (0.8, 90.0), (0.8, 60.0)]):
         write_run(sweep / str(run), "demo", scored(recall, ms, {"cat": recall}))
     (row,) = (row for row in run_list(tmp_path).rows if row[0] == "sweep")
-    assert list(row[1:]) == ["3/3 runs", "20", "0.800", "0.70-0.84", "0.600", "60"]
+    assert list(row[1:]) == ["3/3 runs", "20", "0.800", "0.70-0.84", "0.600", "90"]
 
 
 @pytest.mark.parametrize("broken", ["sweep.json", "0/summary.json", "0/manifest.json"])

@@ -29,8 +29,8 @@ def test_bops_average_recall_is_told_where_it_was_computed() -> None:
     assert words in format_summary(known) and words in format_summary(known, "markdown")
     assert "BOP" not in format_summary(summary())
     assert runs_table({"a": known, "b": summary()}).without("ADD(-S)", "5cm5deg", "IoU.5").rows == [
-        ["a", "8", "0.700", "480"],
-        ["b", "8", "", "480"],
+        ["a", "8", "0.700", "480", ""],
+        ["b", "8", "", "480", ""],
     ]
 
 

@@ -93,8 +93,8 @@ def test_every_study_has_a_row_with_what_differs(benches: Path) -> None:
     ]
     assert max(map(len, said.splitlines())) <= 80
     assert " ".join(said.split()).endswith(
-        "bench by particles: 2 of 3 runs finished; lowest ms first: particles 15 (15.0); that is"
-        " the first run; without a result: particles 50 (see 10/hlp.log)."
+        "bench by particles: 2 of 3 runs finished; best by ms first: particles 15 (15.0), the"
+        " first run; without a result: particles 50 (see 10/hlp.log)."
     )
 
 
@@ -193,7 +193,7 @@ def test_the_best_study_is_said_with_its_difference(
     assert f'<tr class="best"><td>{(15, 150)[best]} *</td>' in page
     if faster:
         said = "-135.0 (-135.0 to -135.0) against the default, surely less;"
-        assert f"lowest ms first: particles 15 (15.0); {said}" in sweep.verdict
+        assert f"best by ms first: particles 15 (15.0), {said}" in sweep.verdict
 
 
 @pytest.mark.parametrize("of_studies", [False, True])

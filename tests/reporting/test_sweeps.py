@@ -70,21 +70,21 @@ def test_the_table_of_runs_has_all_numbers_and_fits_a_terminal(runs: Path) -> No
     text = describe_sweep(only(runs), "text")
     assert max(map(len, text.splitlines())) <= 80
     assert sweep_table(only(runs), whole=False).header == [
-        "particles", "ADD(-S)", "95 %", "5cm5deg", "ms", "to default", "95 % of it",
+        "particles", "ADD(-S)", "95 %", "5cm5deg", "ms", "load", "to default", "95 % of it",
     ]  # fmt: skip
+    change(runs / "0" / "summary.json", timing=timing)
+    assert "load" not in sweep_table(only(runs), whole=False).header  # it was the same
     assert " ".join(text.split()).endswith(
-        "sweep by particles: 2 of 3 runs finished; highest ADD(-S): particles 25 (0.900); that is"
-        " the default; without a result: particles 50 (see 2/hlp.log)."
+        "sweep by particles: 2 of 3 runs finished; best by ADD(-S): particles 25 (0.900), the"
+        " default; a tie with it: particles 5 (0.600); without a result: particles 50"
+        " (see 2/hlp.log)."
     )
 
 
 @pytest.mark.parametrize(
-    ("right", "of_default", "spread"),
-    [(18, 18, "+0.000 (-0.161 to +0.161)"), (20, 18, "+0.100 (+0.000 to"), (18, 4, None)],
+    ("right", "of_default", "tie"), [(18, 18, True), (20, 18, True), (18, 4, False)]
 )
-def test_the_default_wins_a_tie(
-    tmp_path: Path, right: int, of_default: int, spread: str | None
-) -> None:
+def test_the_default_wins_a_tie(tmp_path: Path, right: int, of_default: int, tie: bool) -> None:
     """A faster run that is right for as many targets, or for few more, is no better one."""
     folder = write_sweep(tmp_path / "sweep", [PARTICLES], [f"{PARTICLES}=5,25"])
     set_default(folder, "25")
@@ -92,11 +92,23 @@ def test_the_default_wins_a_tie(
     write_scored(folder / "1", {PARTICLES: "25"}, of_default, 50.0)
     found = only(folder)
     assert found.highest is found.runs[0]
-    assert found.best is found.runs[0 if spread is None else 1]
-    assert ("a tie with it" in found.verdict) == (spread is not None)
-    if spread is not None:
-        assert "highest ADD(-S): particles 25 (0.900); that is the default" in found.verdict
-        assert f"a tie with it: particles 5 ({right / 20:.3f}), {spread}" in found.verdict
+    assert found.best is found.runs[int(tie)]
+    said = f"particles 25 (0.900), the default; a tie with it: particles 5 ({right / 20:.3f})"
+    assert ("a tie with it" in found.verdict) == tie == (f"by ADD(-S): {said}." in found.verdict)
+
+
+def test_ties_of_the_best_run_are_named_also_where_it_is_not_the_default(tmp_path: Path) -> None:
+    folder = write_sweep(tmp_path / "sweep", [PARTICLES], [f"{PARTICLES}=1,2,3,4,5,6"])
+    for number, right in enumerate((4, 17, 18, 18, 18, 17)):
+        write_scored(folder / str(number), {PARTICLES: str(number + 1)}, right, 50.0 - number)
+    set_default(folder, "1")
+    found = only(folder)
+    assert found.best is found.runs[2]
+    assert found.winner.startswith("particles 3 (0.900), +0.700 (+")
+    assert found.winner.endswith(
+        "surely more; a tie with it: particles 4 (0.900), particles 5 (0.900), particles 2 (0.850)"
+        " and 1 more"
+    )
 
 
 @pytest.mark.parametrize(
@@ -133,7 +145,7 @@ def test_the_page_of_runs_shows_figures_objects_and_leads_to_theirs(runs: Path) 
     assert [page.parent for page in pages] == [runs / "0", runs / "1", runs]
     text = pages[-1].read_text()
     assert 'href="0/report.html"' in text and 'href="2/report.html"' not in text
-    assert "highest ADD(-S): particles 25" in text and "http" not in text
+    assert "best by ADD(-S): particles 25" in text and "http" not in text
     drawn = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
     written = [(runs / f"{name}.svg").read_bytes() for name in ("sweep", "recall_by_time")]
     assert list(map(base64.b64decode, drawn)) == written

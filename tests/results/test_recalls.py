@@ -71,6 +71,18 @@ def test_where_all_agree_it_is_wilsons(right: bool) -> None:
     assert (low, high) == pytest.approx((1 - margin, 1.0) if right else (0.0, margin), abs=1e-6)
 
 
+def test_no_interval_has_zero_width() -> None:
+    """Each of three frames has six of its seven targets right, and gains one of the seven."""
+    blocks, right = blocks_of([(1, i // 7) for i in range(21)]), np.arange(21) % 7 > 0
+    assert recall_interval(right, blocks, 100, 0) == wilson(6 / 7, 21)
+    low, high = difference_interval(right, np.full(21, True), blocks, 100, 0)
+    gained, lost = wilson(1 / 7, 21), wilson(0.0, 21)
+    assert low == pytest.approx(1 / 7 - math.hypot(1 / 7 - gained[0], lost[1]))
+    assert high == pytest.approx(gained[1])
+    assert low < 0.0  # three targets more of 21 are not surely better
+    assert len({*blocks_of([(1, 5)] * 21)}) == 21  # a single frame leaves nothing else to draw
+
+
 @pytest.mark.parametrize(("recall", "targets"), [(0.9, 20), (1.0, 20), (0.0, 7)])
 def test_wilson_is_its_formula(recall: float, targets: int) -> None:
     """Wilson (1927), written out with z = 1.959964."""

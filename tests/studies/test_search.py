@@ -16,6 +16,7 @@ from hlp.config.build import Run, build_run
 from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.mlflow.tracking import track_run
+from hlp.reporting.study_tables import format_search
 from hlp.results.poses_file import write_scores
 from hlp.results.recalls import read_target_values
 from hlp.studies import search
@@ -100,6 +101,22 @@ def test_the_best_trial_is_the_best_within_the_limit(
     assert parent.data.metrics["search/recall"] == max(fast) / 100.0
     logged = [run.data.params["refinement.particles"] for run in trials]
     assert logged == [str(trial["particles"]) for trial in tried]
+
+
+@pytest.mark.parametrize(("right", "best"), [(53, 0), (90, 1)])
+def test_the_unchanged_configuration_wins_a_tie(tmp_path: Path, right: int, best: int) -> None:
+    trials = []
+    for number, count in enumerate((50, right)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        found = [replace(TARGET, frame_id=i, add_correct=i < count) for i in range(100)]
+        write_scores(folder / "scores.csv", found, {1: "cat"})
+        ended = {"trial": number, "values": {}, "recall": count / 100, "time_ms": 10.0}
+        trials.append({**ended, "error": None, "folder": str(folder)})
+    task = SearchSettings(space=search.SpaceSettings(name="x", parameters={}))
+    result = search._result(task, trials)
+    assert result["best"] == trials[best]
+    assert ("no other trial is surely better" in format_search(result)) == (best == 0)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), DataError("no such pose")])

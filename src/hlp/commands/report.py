@@ -70,6 +70,7 @@ def ui(arguments: Sequence[str]) -> None:
 
 def _show(page: str, opened: bool) -> None:
     print(f"Runs: {page}", flush=True)
+    print("Choose 'Model training' at MLflow's top left, once; × closes its assistant.", flush=True)
     # Without a screen, some systems would open a browser made of text in this terminal.
     screen = sys.platform in ("darwin", "win32") or {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ}
     if screen and opened:

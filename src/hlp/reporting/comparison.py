@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -20,7 +19,6 @@ from hlp.results.recalls import (
     difference_interval,
     median_difference_interval,
     numbered_targets,
-    wilson,
 )
 
 RESAMPLINGS = 10_000
@@ -145,28 +143,29 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
 def paired_difference(
     first: Mapping[TargetKey, float],
     second: Mapping[TargetKey, float],
-    quantity: Literal["verdict", "recall", "time", "other"],
+    *,
+    medians: bool = False,
 ) -> Difference | None:
-    """Second's mean (of times: its median) minus first's over the targets of both.
+    """Second's mean (`medians`: its median) minus first's over the targets of both.
 
-    None if they have no target in common. The interval is that of `difference_interval`; of
-    verdicts (0 and 1) none has zero width: where all resamples are alike, as with few targets, it
-    is as wide as Wilson's of so many.
+    None if they have no target in common. The interval is that of `difference_interval`.
     """
     shared = sorted(first.keys() & second.keys())
     if not shared:
         return None
     before, after = (np.array([values[key] for key in shared]) for values in (first, second))
     blocks = blocks_of([key[:2] for key in shared])
-    if quantity == "time":
+    if medians:
         ends = median_difference_interval(before, after, blocks, RESAMPLINGS, SEED)
         return float(np.median(after) - np.median(before)), ends
-    difference = float(after.mean() - before.mean())
-    low, high = difference_interval(before, after, blocks, RESAMPLINGS, SEED)
-    if quantity == "verdict" and low == high:
-        _, beyond = wilson(0.0, len(shared))
-        low, high = max(difference - beyond, -1.0), min(difference + beyond, 1.0)
-    return difference, (low, high)
+    ends = difference_interval(before, after, blocks, RESAMPLINGS, SEED)
+    return float(after.mean() - before.mean()), ends
+
+
+def surely(found: Difference) -> bool:
+    """Whether the interval of a difference lies on one side of zero; otherwise it is a tie."""
+    low, high = found[1]
+    return low > 0.0 or high < 0.0
 
 
 def mcnemar_exact(lost: int, gained: int) -> float:

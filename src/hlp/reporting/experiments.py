@@ -157,7 +157,7 @@ def _steps(results: Sequence[Result]) -> list[_Step]:
     steps = []
     for name, result in runs.items():
         change, before = (result.config["step"][key] or "" for key in ("change", "before"))
-        gain = paired_difference(verdicts.get(before, {}), verdicts[name], "verdict")
+        gain = paired_difference(verdicts.get(before, {}), verdicts[name])
         spent = result.total_ms["median"] - runs.get(before, result).total_ms["median"]
         steps.append(_Step(name, change, before, result, gain, spent))
     return steps
@@ -166,7 +166,7 @@ def _steps(results: Sequence[Result]) -> list[_Step]:
 def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
     """A row a step: recalls, and what it gained; the narrow table fits a terminal."""
     against = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
-    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms"]
+    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "load"]
     rows = []
     for step in steps:
         cells, gained = run_cells(step.result.summary), ["–"] * len(against)
@@ -196,13 +196,23 @@ def _ladder_figures(steps: Sequence[_Step]) -> Table:
 
 
 def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
-    """A row a step, the first at the top: recall on the left, the gain on the right."""
+    """A row a step in words, the first at the top: recall on the left, the gain on the right.
+
+    A line joins the recall of each step with that of the step that it starts from.
+    """
     recalls = [recall_bar(step.result.add) for step in steps]
     gains = [gain_bar(step.gain) for step in steps]
     panels = [Panel("ADD(-S) recall, 95 % interval", {"": recalls}, recall=True)]
     if any(gains):
         panels.append(Panel("gained against the step that it starts from", {"": gains}))
-    return draw_bars([step.name for step in steps], panels, paper.measured_on(steps[0].result))
+    places = {step.name: place for place, step in enumerate(steps)}
+    rows = [step.change for step in steps]
+    figure = draw_bars(rows, panels, paper.measured_on(steps[0].result))
+    for place, step in enumerate(steps):
+        if step.before in places:
+            ends = places[step.before], place
+            figure.axes[0].plot([recalls[end].value for end in ends], ends, color="0.6", zorder=0)
+    return figure
 
 
 def _recordings(results: Sequence[Result], found: Sweep) -> Report:

@@ -97,7 +97,7 @@ def trend_table(trend: Trend, runs: Runs) -> Table:
     """
     several = [""] if len({words for words, _ in runs}) > 1 else []
     add, *others = METRIC_LABELS.values()
-    ours = ["targets", add, "95 %", *others, "ms refinement", "ms", "ms 95 %"]
+    ours = ["targets", add, "95 %", "ms", "load", *others, "ms 95 %", "ms refinement"]
     rows = []
     for words, result in runs:
         cells, chosen = run_cells(result.summary), trend.is_papers(result)
@@ -116,7 +116,7 @@ def trend_figures(trend: Trend, runs: Runs) -> Table:
         cells, before = result_cells(result.summary), papers.get(words, result)
         found = None
         if before is not result:
-            found = paired_difference(before.verdicts, result.verdicts, "verdict")
+            found = paired_difference(before.verdicts, result.verdicts)
         setting = ", ".join(filter(None, (*trend.keys, words)))
         named = [trend.title.removeprefix("Fig. "), setting, trend.value(result)]
         rows.append([*named, *(cells[name] for name in shown), *result_difference(found)])

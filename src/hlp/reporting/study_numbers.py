@@ -18,7 +18,6 @@ Interval = tuple[float, float]
 RUN = "sweep"
 """The kind of a plain run; its files are called so."""
 ADD, *_OTHERS = METRIC_LABELS.values()
-_TIMES = ("ms 95 %", "CPU ms", "load")
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,8 @@ def _read_run(path: Path) -> list[Number]:
         *(Number(name, "", math.nan, cells[name], more=name == "IoU.5") for name in _OTHERS),
         Number("AR", "", math.nan, cells["AR"], more=True),
         Number("ms", "", time, cells["ms"], "time"),
-        *(Number(name, "", math.nan, cells[name], more=True) for name in _TIMES),
+        *(Number(name, "", math.nan, cells[name], more=True) for name in ("ms 95 %", "CPU ms")),
+        Number("load", "", math.nan, cells["load"]),
     ]
 
 

@@ -162,6 +162,8 @@ def format_search(result: Result, layout: str = "text") -> str:
     if best is not None:
         overrides = " ".join(f"{key}={value}" for key, value in best["values"].items())
         conclusion = f"Best within the limit: {overrides}"
+        if best["trial"] == 0:
+            conclusion += " (unchanged: no other trial is surely better)"
     table = [lay_out(trials_table(result), layout)] if succeeded else []
     return "\n\n".join([prose(heading, layout), *table, prose(conclusion, layout)])
 

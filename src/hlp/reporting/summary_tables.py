@@ -262,8 +262,8 @@ def votes_table(summary: Mapping[str, Any]) -> Table:
 
 
 def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
-    """A row a run: recalls over its targets, BOP's average recall, median time of one object."""
-    shown = ["targets", *METRIC_LABELS.values(), "AR", "ms"]
+    """A row a run: recalls over its targets, BOP's average recall, time of one object, load."""
+    shown = ["targets", *METRIC_LABELS.values(), "AR", "ms", "load"]
     cells = {name: run_cells(summary) for name, summary in summaries.items()}
     return Table(
         ["run", *shown], [[name, *(own[column] for column in shown)] for name, own in cells.items()]

@@ -1,5 +1,6 @@
 """What every sweep ends with: a table, a figure, a sentence, and the same in MLflow."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +9,14 @@ import numpy as np
 
 from hlp.files import write_csv, write_text
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import Bar, Panel, draw_bars, gain_bar, run_panels
+from hlp.reporting.figures.bars import (
+    Bar,
+    Panel,
+    draw_bars,
+    gain_bar,
+    loads_in_words,
+    run_panels,
+)
 from hlp.reporting.figures.charts import draw_trade_off
 from hlp.reporting.figures.heat_maps import HeatMap, draw_heat_maps
 from hlp.reporting.mlflow.pages import headline_metrics
@@ -21,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LONGEST = 24  # characters of a value in a table
-_BEST = "* the {}; the default, if none is surely better."
+_BEST = "* best by {}; of ties the default, if it is one of them."
 _PAIRED = (
     "Differences are over the targets of both runs (of times: between their medians), with the 95 %"
     " interval of the paired bootstrap over blocks of neighbouring frames."
@@ -34,7 +42,10 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     The difference to the reference, with its interval, follows if runs are compared by one number;
     of several see `differences_table`. `whole`: also what does not fit a terminal.
     """
-    names = [n for n, number in sweep.numbers.items() if whole or not number.more] or [ADD]
+    loads = {run.numbers["load"].text for run in sweep.finished if "load" in run.numbers}
+    left_out = set() if whole else {n for n, number in sweep.numbers.items() if number.more}
+    left_out |= {"load"} if sweep.name == RUN and not whole and len(loads) < 2 else set()
+    names = [name for name in sweep.numbers if name not in left_out] or [ADD]
     with_interval = {
         name
         for run in sweep.finished
@@ -104,7 +115,7 @@ def differences_table(sweep: Sweep, *, whole: bool = True) -> Table | None:
 
 def note_of(sweep: Sweep) -> str:
     """What the columns and marks of the tables mean."""
-    best = [_BEST.format(sweep.rank)] if sweep.best is not None else []
+    best = [_BEST.format(sweep.first_main)] if sweep.best is not None else []
     paired = [_PAIRED] if sweep.differences else []
     return " ".join([*best, *paired, KINDS[sweep.name].note])
 
@@ -212,14 +223,17 @@ def _grid(sweep: Sweep) -> "Figure":
     """Recall left and time right, a cell for each pair of values."""
     pairs = [tuple(run.values[key] for key in sweep.keys) for run in sweep.finished]
     across, down = (list(dict.fromkeys(pair[place] for pair in pairs)) for place in (0, 1))
-    recalls, times = (np.full((len(down), len(across)), np.nan) for _ in range(2))
+    recalls, times, loads = (np.full((len(down), len(across)), np.nan) for _ in range(3))
     for (x, y), result in zip(pairs, sweep.results, strict=True):
-        recalls[down.index(y), across.index(x)] = result.add["recall"]
-        times[down.index(y), across.index(x)] = result.total_ms["median"]
+        place = down.index(y), across.index(x)
+        recalls[place], times[place] = result.add["recall"], result.total_ms["median"]
+        loads[place] = result.summary.get("timing", {}).get("load", math.nan)
     maps = [
         HeatMap("ADD(-S) recall", recalls),
         HeatMap("ms, median", times, "{:.0f}".format, "viridis_r"),
     ]
+    if any(loads_in_words([result.summary for result in sweep.results])):
+        maps.append(HeatMap("load of the machine", loads, "{:.1f}".format, "viridis_r"))
     default = sweep.reference if sweep.is_default else None
     values = None if default is None else [default.values[key] for key in sweep.keys]
     marked = None if values is None else (down.index(values[1]), across.index(values[0]))
@@ -249,7 +263,7 @@ def log_sweeps(sweeps: Sequence[Sweep], written: Sequence[Path], tracker: Mlflow
             metrics = headline_metrics(run.result.summary) if run.result else named
             tracker.log_metrics({f"{RUN}/{name}": value for name, value in metrics.items()}, step)
         if sweep.best is not None:
-            tracker.set_tags({"best_run": sweep.best.label})
+            tracker.set_tags({"best_run": sweep.winner})
             if sweep.best.result is not None:
                 tracker.log_metrics(headline_metrics(sweep.best.result.summary))
     for path in written:

@@ -8,7 +8,7 @@ from typing import Any
 
 from hlp.errors import DataError
 from hlp.files import MANIFEST, SWEEP
-from hlp.reporting.comparison import Difference, difference_cells, paired_difference
+from hlp.reporting.comparison import Difference, difference_cells, paired_difference, surely
 from hlp.reporting.results import (
     Manifest,
     Result,
@@ -22,6 +22,7 @@ from hlp.results.recalls import TargetKey, read_target_values
 from hlp.settings import Stored, read_as
 
 _LOG = "hlp.log"
+_NAMED = 3  # ties that a sentence names
 
 
 @dataclass(frozen=True)
@@ -124,28 +125,40 @@ class Sweep:
     def highest(self) -> SweepRun | None:
         """The run with the highest recall, or the shortest time, by the first main number.
 
-        The faster one of two; None if fewer than two finished, or if their targets differ.
+        None if fewer than two finished, or if their targets differ.
         """
         name = self.first_main
         found = [run for run in self.finished if name in run.numbers]
         same = {(run.frames_identity, frozenset(run.targets.get(name, ()))) for run in found}
         if len(found) < 2 or len(same) > 1:
             return None
-
-        def rank(run: SweepRun) -> tuple[float, float]:
-            time = run.numbers.get("ms")
-            return self._sign * run.numbers[name].value, -time.value if time else 0.0
-
-        return max(found, key=rank)
+        return max(found, key=lambda run: self._sign * run.numbers[name].value)
 
     @cached_property
     def best(self) -> SweepRun | None:
         """The highest run; that of the defaults, unless the other is surely better."""
-        highest = self.highest
-        found = None if highest is None else self.difference(highest, self.first_main)
-        if found is None or not self.is_default:
-            return highest
-        return highest if min(self._sign * end for end in found[1]) > 0 else self.reference
+        found, default = self.highest, self.reference
+        tied = self.is_default and found and default and self._are_tied(default, found)
+        return default if tied else found
+
+    @cached_property
+    def ties(self) -> list[SweepRun]:
+        """The runs that the best one is not surely better than, the highest first."""
+        best, name = self.best, self.first_main
+        others = [run for run in self.finished if best and run is not best and name in run.numbers]
+        tied = [run for run in others if best and self._are_tied(best, run)]
+        return sorted(tied, key=lambda run: -self._sign * run.numbers[name].value)
+
+    def _are_tied(self, first: SweepRun, second: SweepRun) -> bool:
+        found = self._paired(first, second, self.first_main)
+        return found is not None and not surely(found)
+
+    def _paired(self, first: SweepRun, second: SweepRun, name: str) -> Difference | None:
+        """Second's number minus first's."""
+        if first.frames_identity != second.frames_identity:
+            return None  # targets of equal names may be of other frames
+        values = (run.targets.get(name, {}) for run in (first, second))
+        return paired_difference(*values, medians=self.numbers[name].quantity == "time")
 
     def difference(self, run: SweepRun, name: str) -> Difference | None:
         """The run's number minus the reference's, over the targets of both.
@@ -161,32 +174,29 @@ class Sweep:
         found: dict[str, dict[str, Difference]] = {}
         if (first := self.reference) is None:
             return found
-        for name, number in self.numbers.items():
-            quantity = "verdict" if self.name == RUN else number.quantity
+        for name in self.numbers:
             for run in self.finished:
-                if run is first or run.frames_identity != first.frames_identity:
-                    continue  # targets of equal names may be of other frames
-                values = first.targets.get(name, {}), run.targets.get(name, {})
-                if (of := paired_difference(*values, quantity)) is not None:
+                if run is not first and (of := self._paired(first, run, name)) is not None:
                     found.setdefault(name, {})[run.folder.name] = of
         return found
 
     @property
-    def rank(self) -> str:
-        """What the highest run has, in words, e.g. `lowest ms first`."""
-        return f"{'lowest' if self._sign < 0 else 'highest'} {self.first_main}"
+    def winner(self) -> str:
+        """The best run in words, what it is compared with, and its ties; empty without any."""
+        if (best := self.best) is None:
+            return ""
+        named = ", ".join(map(self._measured, self.ties[:_NAMED]))
+        more = f" and {len(self.ties) - _NAMED} more" if len(self.ties) > _NAMED else ""
+        tied = f"; a tie with it: {named}{more}" if self.ties else ""
+        return f"{self._measured(best)}, {self._compared(best)}{tied}"
 
     @property
     def verdict(self) -> str:
         """What was swept, how many runs finished, which is best, and where to look for failures."""
         swept = f" by {', '.join(map(short_key, self.keys))}" if self.keys else ""
         words = [f"{self.name}{swept}: {len(self.finished)} of {len(self.runs)} runs finished"]
-        if self.best is not None and self.highest is not None:
-            words.append(f"{self.rank}: {self._measured(self.best)}")
-            words.append(self._compared(self.best))
-            if self.highest is not self.best:
-                tie = f"a tie with it: {self._measured(self.highest)}"
-                words.append(f"{tie}, {self._compared(self.highest)}")
+        if self.winner:
+            words.append(f"best by {self.first_main}: {self.winner}")
         if failed := self.unfinished:
             logs = ", ".join(str(Path(run.folder.name, _LOG)) for run in failed)
             words.append(f"without a result: {'; '.join(r.label for r in failed)} (see {logs})")
@@ -198,15 +208,15 @@ class Sweep:
     def _compared(self, run: SweepRun) -> str:
         name = "the default" if self.is_default else "the first run"
         if run is self.reference:
-            return f"that is {name}"
+            return name
         found = self.difference(run, self.first_main)
         if found is None:
             return f"it shares no target with {name}"
-        low, high = found[1]
-        sure = "surely" if low > 0 or high < 0 else "not surely"
         words, interval = say_difference(self.numbers[self.first_main], found)
         word = "less" if self._sign < 0 else "more"
-        return f"{words} ({interval}) against {name}, {sure} {word}"
+        return (
+            f"{words} ({interval}) against {name}, {'' if surely(found) else 'not '}surely {word}"
+        )
 
 
 def say_difference(number: Number, found: Difference) -> list[str]:

@@ -128,9 +128,12 @@ def blocks_of(frames: Sequence[tuple[int, int]]) -> Int[np.ndarray, "n"]:
 
     A block is `BLOCK` neighbouring frames of a scene, or as many as leave ten blocks in all.
     Neighbouring frames of a video show nearly the same: drawn one by one they would count as more
-    than they tell (the block bootstrap of Carlstein 1986).
+    than they tell (the block bootstrap of Carlstein 1986). Targets of a single frame are drawn one
+    by one: there is nothing else to resample.
     """
     unique, target_frames = np.unique(np.asarray(frames), axis=0, return_inverse=True)
+    if len(unique) == 1:
+        return np.arange(len(target_frames))
     scenes = unique[:, 0]
     places = np.arange(len(unique)) - np.searchsorted(scenes, scenes)
     size = min(BLOCK, max(len(unique) // _BLOCKS, 1))
@@ -143,11 +146,10 @@ def recall_interval(
 ) -> tuple[float, float]:
     """95 % interval of the recall over n targets, by the percentile bootstrap over blocks.
 
-    Where all or none are right every resample is the same; then it is Wilson's.
+    Where every resample is the same, as when all or none are right, it is Wilson's.
     """
-    if right.all() or not right.any():
-        return wilson(float(right[0]), len(right))
-    return _bootstrap(right.astype(float), blocks, resamplings, seed)
+    low, high = _bootstrap(right.astype(float), blocks, resamplings, seed)
+    return (low, high) if low < high else wilson(low, len(right))
 
 
 def difference_interval(
@@ -156,9 +158,18 @@ def difference_interval(
     """95 % interval of second's mean minus first's: the percentile bootstrap over blocks.
 
     Of verdicts, the mean is the recall. Blocks are resampled with all their targets and both values
-    of each (paired).
+    of each (paired). Where every resample is the same, as with few targets, it is made of Wilson's
+    intervals of what was gained and of what was lost (Newcombe 1998, method 10).
     """
-    return _bootstrap(second.astype(float) - first.astype(float), blocks, resamplings, seed)
+    change = second.astype(float) - first.astype(float)
+    low, high = _bootstrap(change, blocks, resamplings, seed)
+    if low < high:
+        return low, high
+    shares = [min(float(np.maximum(sign * change, 0.0).mean()), 1.0) for sign in (1.0, -1.0)]
+    gained, lost = (wilson(share, len(change)) for share in shares)
+    below = math.hypot(shares[0] - gained[0], lost[1] - shares[1])
+    above = math.hypot(gained[1] - shares[0], shares[1] - lost[0])
+    return max(low - below, -1.0), min(high + above, 1.0)
 
 
 def median_difference_interval(

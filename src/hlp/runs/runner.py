@@ -134,7 +134,7 @@ def _score(
         settings.evaluation,
         settings.seed,
     )
-    summary["timing"] = timing.summary()
+    summary |= {"timing": timing.summary(), "frames": len(run.keys)}
     in_vain = [*in_vain, *scores_in_vain(truths, estimates)]
     summary["false_alarms"] = count_false_alarms(in_vain, MIN_SCORE)
     summary["frames_failed"] = describe_failed(detection.failed)

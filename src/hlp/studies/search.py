@@ -19,14 +19,14 @@ from hlp.errors import ConfigError, MissingDependencyError, is_expected
 from hlp.files import SCORES, write_json
 from hlp.folders import locked
 from hlp.method.find.estimator import derive_seed
-from hlp.reporting.comparison import read_targets
+from hlp.reporting.comparison import ScoredTarget, paired_difference, read_targets, surely
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.charts import search_points
+from hlp.reporting.figures.heat_maps import search_points
 from hlp.reporting.mlflow.pages import short_name
 from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
 from hlp.reporting.study_tables import format_search, write_search
-from hlp.results.recalls import write_target_values
+from hlp.results.recalls import TargetKey, write_target_values
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
 from hlp.stages.manifest import fingerprint
@@ -122,11 +122,18 @@ def _write_targets(output: Path, best: Mapping[str, Any] | None) -> None:
 
     Without any target, if there is no such trial or its files were removed since.
     """
-    scores = None if best is None else Path(best["folder"], SCORES)
-    targets = read_targets(scores) if scores is not None and scores.is_file() else {}
-    right = {key: float(target.correct("add")) for key, target in targets.items()}
+    targets, right = ({}, {}) if best is None else _verdicts(best)
     names = {key[2]: target.name for key, target in targets.items()}
     write_target_values(output, {"best ADD(-S)": right}, names)
+
+
+def _verdicts(
+    trial: Mapping[str, Any],
+) -> tuple[dict[TargetKey, ScoredTarget], dict[TargetKey, float]]:
+    """A trial's targets and their verdicts by ADD(-S); none if its files were removed since."""
+    scores = Path(trial["folder"], SCORES)
+    targets = read_targets(scores) if scores.is_file() else {}
+    return targets, {key: float(target.correct("add")) for key, target in targets.items()}
 
 
 def _study_name(run: Run, task: SearchSettings) -> str:
@@ -210,9 +217,15 @@ def _trials(study: "Study", folder: Path) -> list[dict[str, Any]]:
 
 
 def _result(task: SearchSettings, trials: list[dict[str, Any]]) -> dict[str, Any]:
-    """Content of `search.json`: all trials, and the best one within the limit (None: no trial)."""
+    """Content of `search.json`: all trials, and the best one within the limit (None: no trial).
+
+    That is the unchanged configuration, the first trial, unless another is surely better.
+    """
     within = [t for t in trials if t["error"] is None and t["time_ms"] <= task.limit_ms]
     best = max(within, key=lambda trial: (trial["recall"], -trial["time_ms"]), default=None)
+    if best is not None and within[0]["trial"] == 0:
+        gain = paired_difference(_verdicts(within[0])[1], _verdicts(best)[1])
+        best = within[0] if gain is not None and not surely(gain) else best
     return {"space": task.space.name, "limit_ms": task.limit_ms, "best": best, "trials": trials}
 
 

@@ -14,13 +14,14 @@ from hypothesis import strategies as st
 from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import charts
+from hlp.reporting.figures.bars import object_bars
 from hlp.reporting.figures.charts import (
     FRONT,
     draw_trade_off,
     pareto_front,
     recall_by_time,
-    search_points,
 )
+from hlp.reporting.figures.heat_maps import search_points
 from hlp.reporting.report import report_runs
 from hlp.reporting.summary_tables import ADD_BY_OBJECT
 from hlp.reporting.sweeps import read_sweeps
@@ -67,7 +68,7 @@ def test_budgets_are_one_line_in_the_order_of_their_time(tmp_path: Path) -> None
 
 
 def legend(ax: Any) -> list[str]:
-    return [text.get_text() for text in ax.get_legend().get_texts()]
+    return [text.get_text() for text in ax.figure.legends[0].get_texts()]
 
 
 def test_the_front_is_a_step_and_what_it_beats_is_hollow(tmp_path: Path) -> None:
@@ -190,18 +191,20 @@ def bars(figure: Any) -> tuple[list[str], list[float], list[str]]:
     """Rows of a figure of bars: their names, lengths and words."""
     (ax,) = figure.axes
     names = [label.get_text() for label in ax.get_yticklabels()]
-    return names, [bar.get_width() for bar in ax.patches], [text.get_text() for text in ax.texts]
+    points = [x for line in ax.lines if line.get_marker() == "o" for x in line.get_xdata()]
+    lengths = [bar.get_width() for bar in ax.patches] or points
+    return names, lengths, [text.get_text() for text in ax.texts]
 
 
 def test_objects_have_bars_with_intervals_and_the_papers_recall() -> None:
     written = summary(("cat", "ape"))
     written["per_object"]["cat"]["add"] = {"recall": 0.75, "ci95": [0.6, 0.8]}
-    figure = charts.object_bars(written)
+    figure = object_bars(written)
     assert bars(figure) == (["cat", "ape"], [0.75, 0.5], ["0.750", "0.500"])
     lines = {str(line.get_label()): line.get_xdata() for line in figure.axes[0].lines}
     assert list(lines["paper"]) == [ADD_BY_OBJECT["cat"], ADD_BY_OBJECT["ape"]]
     assert [0.6, 0.8] in [list(ends) for ends in lines.values()]
-    unknown = charts.object_bars(summary(("mug",)))
+    unknown = object_bars(summary(("mug",)))
     assert "paper" not in {line.get_label() for line in unknown.axes[0].lines}
 
 
@@ -228,6 +231,34 @@ def test_the_curve_is_the_share_of_targets_below_each_threshold() -> None:
     shares = dict(zip(everything.get_xdata().round(6), everything.get_ydata(), strict=True))
     assert (shares[2.0], shares[2.25], shares[20.0]) == (0.0, 1 / 3, 2 / 3)
     assert charts.ad_curve(targets, {"duck": 100.0}) is None
+
+
+def test_bops_curves_are_the_shares_below_each_threshold() -> None:
+    """Errors of 12 and 47 % of the diameter, and of 3 and 60 px."""
+    targets = [
+        target(True, mssd_recall=0.8, mspd_recall=1.0),
+        target(False, mssd_recall=0.1, mspd_recall=0.0),
+    ]
+    figure = charts.bop_curves(targets)
+    assert figure is not None
+    mssd, mspd = figure.axes[0].lines
+    assert list(mssd.get_xdata()) == list(range(5, 51, 5))
+    assert list(mssd.get_ydata()) == [0.0, 0.0, *[0.5] * 7, 1.0]
+    assert list(mspd.get_ydata()) == [0.5] * 10
+    assert charts.bop_curves([*targets, target(True)]) is None
+
+
+def test_errors_by_distance_are_points_of_right_and_wrong_poses() -> None:
+    targets = [target(True), target(False, add_error=0.05), target(False, found=False)]
+    scores = {(1, number, 6, 0): scored for number, scored in enumerate(targets)}
+    scenes = {key: {"truth": [*[0, 0, 0, 300] * 2, 0, 0, 0, 0]} for key in [*scores, (2, 1, 1, 0)]}
+    figure = charts.error_by_distance(scores, scenes)
+    assert figure is not None
+    (points,) = figure.axes[0].collections
+    distance = 0.3 * math.sqrt(2.0)
+    np.testing.assert_allclose(points.get_offsets(), [[distance, 2.0], [distance, 50.0]])
+    assert len({tuple(color) for color in points.get_facecolors()}) == 2
+    assert charts.error_by_distance(dict([*scores.items()][2:]), scenes) is None
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from hlp.reporting.bench_tables import TIMED, TOTAL, format_ms
-from hlp.reporting.summary_tables import METRIC_LABELS
+from hlp.reporting.summary_tables import METRIC_LABELS, paper_recalls, run_cells
 from hlp.results.recalls import CORRECT
 
 if TYPE_CHECKING:
@@ -23,40 +23,41 @@ Interval = tuple[float, float]
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 """Of series; the colour-blind tell them apart too (Okabe and Ito, 2008)."""
 STAGE_COLORS = {
-    "holistic": "#56b4e9",
-    "local": "#e69f00",
+    **dict.fromkeys(("holistic", "stage 1"), "#56b4e9"),
+    **dict.fromkeys(("local", "stage 2"), "#e69f00"),
     "voting": "#009e73",
-    "refinement": "#cc79a7",
+    **dict.fromkeys(("refinement", "stage 3"), "#cc79a7"),
 }
+"""One colour for each stage, also for the three of a bench; the second holds the voting."""
 CAUSE_COLORS = {
     "bad_frame": "#000000",
     "depth_missing": "#7f7f7f",
-    "no_window": "#c7c7c7",
-    "wrong_region": "#8c564b",
-    "few_votes": "#1f77b4",
-    "outside_basin": "#9ecae1",
-    "screening": "#fdd0a2",
-    "refiner_diverged": "#e6550d",
-    "ranking": "#31a354",
-    "symmetric_flip": "#756bb1",
+    "no_window": "#b5dff7",
+    "wrong_region": "#56b4e9",
+    "few_votes": "#e69f00",
+    "outside_basin": "#009e73",
+    "screening": "#f0d0e0",
+    "refiner_diverged": "#cc79a7",
+    "ranking": "#9c4577",
+    "symmetric_flip": "#5e2146",
 }
-"""One colour for each cause, the same in every figure; similar ones for causes of one stage."""
+"""One colour for each cause, the same in every figure: that of the stage that it is a cause of."""
 _BAND = "#f3ecd2"
 _BAR, _PANEL = 0.2, 2.9  # inches
 _GROUP = 0.8  # share of a row that its bars take up
 _ROOM = 0.3  # of an axis, beyond the data, for the numbers
-_NARROW = 0.06  # share of the longest stack below which a bar has no room for its number
 _CUT = 0.5  # recalls that are all higher have an axis that begins below them
-_LONGEST = 30  # characters of a row's name on one line
+_LONGEST = 45  # characters of a row's name on one line
 
 
 @dataclass(frozen=True)
 class Bar:
-    """A value, what is written beside it, and its 95 % interval, where it is known."""
+    """A value, what is written beside it, its 95 % interval, where known, and its own colour."""
 
     value: float
     text: str = ""
     interval: Interval | None = None
+    color: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Panel:
     """A bar for each row, or none, of one or several series.
 
     `stacked` bars stand one after another, and the text of `totals` behind the last. `published`
-    are points for comparison. The axis of `recall` may be cut.
+    are points for comparison. A `recall` is a point too, since its axis may be cut.
     """
 
     title: str
@@ -128,15 +129,21 @@ def _draw_groups(ax: "Axes", panel: Panel) -> None:
     for place, (name, bars) in enumerate(panel.series.items()):
         shift = width * (place - (len(panel.series) - 1) / 2)
         drawn = [(row + shift, bar) for row, bar in enumerate(bars) if bar is not None]
-        ax.barh([y for y, _ in drawn], [bar.value for _, bar in drawn], 0.9 * width, label=name,
-                color=panel.colors.get(name, COLORS[place % len(COLORS)]))  # fmt: skip
+        values, places = [bar.value for _, bar in drawn], [y for y, _ in drawn]
+        color = panel.colors.get(name, COLORS[place % len(COLORS)])
+        if panel.recall:
+            ax.plot(values, places, "o", color=color, label=name)
+        else:
+            colors = [bar.color or color for _, bar in drawn]
+            ax.barh(places, values, 0.9 * width, label=name, color=colors)
         for y, bar in drawn:
             if bar.interval is not None:
-                ax.plot(bar.interval, (y, y), color="#222222", linewidth=1.2)
+                ax.plot(bar.interval, (y, y), color=color if panel.recall else "#222222")
             end = max(0.0, bar.value, *(bar.interval or ()))
             ax.annotate(bar.text, (end, y), (3, 0), textcoords="offset points", va="center",
                         fontsize=7.5)  # fmt: skip
-    ax.axvline(0.0, color="0.4", linewidth=0.8)
+    if not panel.recall:
+        ax.axvline(0.0, color="0.4", linewidth=0.8)
 
 
 def _set_axis(ax: "Axes", panel: Panel) -> None:
@@ -157,18 +164,15 @@ def _draw_stacks(ax: "Axes", panel: Panel, rows: int) -> None:
     ends = [0.0] * rows
     table = [[bar.value if bar else 0.0 for bar in bars] for bars in panel.series.values()]
     longest = max(map(sum, zip(*table, strict=True)), default=0.0)
-    for place, (name, bars) in enumerate(panel.series.items()):
+    for place, name in enumerate(panel.series):
         ax.barh(range(rows), table[place], 0.75, ends, label=name,
                 color=panel.colors.get(name, COLORS[place % len(COLORS)]))  # fmt: skip
-        for row, bar in enumerate(bars):
-            if bar is not None and bar.value > _NARROW * longest:
-                ax.text(ends[row] + bar.value / 2, row, bar.text, ha="center", va="center",
-                        fontsize=7.5, color="white")  # fmt: skip
-            ends[row] += table[place][row]
+        ends = [end + length for end, length in zip(ends, table[place], strict=True)]
     for row, text in enumerate(panel.totals):
         ax.annotate(text, (ends[row], row), (4, 0), textcoords="offset points", va="center",
                     fontsize=8)  # fmt: skip
-    ax.set_xlim(0.0, (1.0 + _ROOM / 2) * (longest or 1.0))
+    room = _ROOM / 9 * max(5, *(len(text) for text in (*panel.totals, "")))
+    ax.set_xlim(0.0, (1.0 + room) * (longest or 1.0))
 
 
 def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
@@ -178,21 +182,43 @@ def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
               {"": [recall_bar(summary["metrics"][key]) for summary in summaries]}, recall=True)
         for key in ("add", "5cm5deg")
     ]  # fmt: skip
-    times, totals = [], []
-    for summary in summaries:
-        medians = {stage: time["median"] for stage, time in summary["timing_ms"].items()}
-        known = {stage: median for stage, median in medians.items() if median is not None}
-        totals.append(known.pop("total", sum(known.values())))
-        # Medians of the stages do not add up to the median of the whole.
-        scale = totals[-1] / (sum(known.values()) or 1.0)
-        times.append({stage: Bar(scale * median) for stage, median in known.items()})
-    stages = {
-        stage: [known.get(stage) for known in times]
-        for stage in dict.fromkeys(stage for known in times for stage in known)
-    }
+    medians = [
+        {stage: time["median"] for stage, time in summary["timing_ms"].items()}
+        for summary in summaries
+    ]
     title = "ms an object and frame, median, by stage"
-    shown = [f"{total:.0f}" for total in totals]
-    return [*panels, Panel(title, stages, stacked=True, totals=shown, colors=STAGE_COLORS)]
+    return [*panels, _times_panel(title, medians, "total", loads_in_words(summaries))]
+
+
+def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Of each run ` (load 6.5)`, to stand behind its time; empty where all had the same.
+
+    Times that were measured under different load of the machine cannot be compared without it.
+    """
+    loads = [run_cells(summary)["load"] for summary in summaries]
+    return [f" (load {load or 'unknown'})" if len({*loads}) > 1 else "" for load in loads]
+
+
+def _times_panel(
+    title: str,
+    medians: Sequence[Mapping[str, float | None]],
+    whole: str,
+    loads: Sequence[str] = (),
+) -> Panel:
+    """Stages one after another, shared out so that they end at the median of the whole.
+
+    Medians of stages do not add up to it. `whole` is its name among them.
+    """
+    rows, totals = [], []
+    for found, load in zip(medians, loads or [""] * len(medians), strict=True):
+        known = {stage: median for stage, median in found.items() if median is not None}
+        total = known.pop(whole, sum(known.values()))
+        scale = total / (sum(known.values()) or 1.0)
+        rows.append({stage: Bar(scale * time) for stage, time in known.items()})
+        totals.append(f"{format_ms(total)}{load}")
+    stages = dict.fromkeys(stage for row in rows for stage in row)
+    series = {stage: [row.get(stage) for row in rows] for stage in stages}
+    return Panel(title, series, stacked=True, totals=totals, colors=STAGE_COLORS)
 
 
 def recall_bar(metric: Mapping[str, Any]) -> Bar:
@@ -201,35 +227,39 @@ def recall_bar(metric: Mapping[str, Any]) -> Bar:
     return Bar(recall, f"{recall:.3f}", (float(ends[0]), float(ends[1])) if ends else None)
 
 
+def object_bars(summary: Mapping[str, Any]) -> "Figure":
+    """ADD(-S) recall of each object with its 95 % interval; the paper's as a diamond."""
+    scores = summary["per_object"]
+    bars = [recall_bar(score["add"]) for score in scores.values()]
+    paper = paper_recalls([*scores])
+    published = {"paper": paper} if paper else {}
+    panel = Panel("ADD(-S) recall, 95 % interval", {"ours": bars}, recall=True, published=published)
+    return draw_bars(list(scores), [panel], "")
+
+
 def gain_bar(found: tuple[float, Interval] | None) -> Bar | None:
     """A difference of recalls with its interval, where there is one."""
     return found and Bar(found[0], f"{found[0]:+.3f}", found[1])
 
 
 def bench_bars(result: Mapping[str, Any]) -> "Figure":
-    """What bench.json holds: a bar for each path and unit (first object, …), stacked by stage.
-
-    Stages are medians (ms). The number behind a bar is the median of the whole, not their sum.
-    """
+    """What bench.json holds: a bar for each path and unit (first object, …), stacked by stage."""
     timed = {
         f"{name}: {unit}": path[unit]
         for name, path in result["paths"].items()
         for unit in TIMED
         if path[unit]
     }
-    stages = dict.fromkeys(part for times in timed.values() for part in times if "stage " in part)
-    series = {
-        stage: [
-            Bar(times[stage]["median_ms"], format_ms(times[stage]["median_ms"]))
-            if stage in times
-            else None
-            for times in timed.values()
-        ]
-        for stage in stages
-    }
-    totals = [format_ms(times[TOTAL]["median_ms"]) for times in timed.values()]
+    medians = [
+        {
+            part: time["median_ms"]
+            for part, time in times.items()
+            if part == TOTAL or "stage " in part
+        }
+        for times in timed.values()
+    ]
     title = "ms, medians of a frame's first object, of further ones, of whole frames"
-    return draw_bars([*timed], [Panel("", series, stacked=True, totals=totals)], title)
+    return draw_bars([*timed], [_times_panel("", medians, TOTAL)], title)
 
 
 def stacked_bars(waterfall: Mapping[str, Any]) -> "Figure":

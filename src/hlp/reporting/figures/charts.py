@@ -11,10 +11,10 @@ from hlp.files import write_csv
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import Bar, Panel, draw_bars, recall_bar
+from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars, loads_in_words
 from hlp.reporting.results import Result
-from hlp.reporting.summary_tables import paper_recalls
-from hlp.results.recalls import wilson
+from hlp.reporting.summary_tables import run_cells
+from hlp.results.recalls import TargetKey, wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,16 +25,6 @@ _AD_END, _AD_LIMIT = 20.0, 10.0  # % of the diameter
 _BINS = 24
 
 Targets = Sequence[ScoredTarget]
-
-
-def object_bars(summary: Mapping[str, Any]) -> "Figure":
-    """ADD(-S) recall of each object with its 95 % interval; the paper's as a diamond."""
-    scores = summary["per_object"]
-    bars = [recall_bar(score["add"]) for score in scores.values()]
-    paper = paper_recalls([*scores])
-    published = {"paper": paper} if paper else {}
-    panel = Panel("ADD(-S) recall, 95 % interval", {"ours": bars}, recall=True, published=published)
-    return draw_bars(list(scores), [panel], "")
 
 
 def visibility_bars(targets: Targets) -> "Figure | None":
@@ -64,10 +54,11 @@ def timing_bars(summary: Mapping[str, Any]) -> "Figure | None":
     if not times:
         return None
     bars = []
-    for time in times.values():
+    for stage, time in times.items():
         median, high = time["median"], time["p95"]
         words = f"{median:.3g}" if median < 1000 else f"{median:.0f}"
-        bars.append(Bar(median, words if high is None else f"{words} ({high:.0f})"))
+        words = words if high is None else f"{words} ({high:.0f})"
+        bars.append(Bar(median, words, color=STAGE_COLORS.get(stage, "#444444")))
     title = "ms for one object in one frame, median (95th percentile)"
     return draw_bars(list(times), [Panel(title, {"": bars})], "")
 
@@ -94,6 +85,43 @@ def ad_curve(targets: Targets, diameters_mm: Mapping[str, float]) -> "Figure | N
         ax.plot(thresholds, shares, label=name, **style)
     ax.set(xlabel="threshold, % of the diameter", ylabel="recall")
     ax.set(xlim=(0.0, _AD_END), ylim=(0.0, 1.02))
+    return figure
+
+
+def bop_curves(targets: Targets) -> "Figure | None":
+    """Share of targets below each of BOP's thresholds of MSSD and MSPD; None if not computed.
+
+    A target's mean recall says how many of the ten it keeps to: the widest ones.
+    """
+    figure, ax = _figure(3.0)
+    for name, color in (("mssd", _BLUE), ("mspd", _ORANGE)):
+        kept = np.array([10 * getattr(target.score, f"{name}_recall") for target in targets])
+        if np.isnan(kept).any():
+            return None
+        shares = [float((kept.round() > 10 - place).mean()) for place in range(1, 11)]
+        ax.plot(range(5, 51, 5), shares, "o-", color=color, label=name.upper())
+    ax.set(xlabel="threshold: MSSD, % of the diameter; MSPD, px of 640", ylabel="recall")
+    ax.set(xlim=(0.0, 52.0), ylim=(0.0, 1.02))
+    ax.legend(frameon=False, loc="lower right")
+    return figure
+
+
+def error_by_distance(
+    scores: Mapping[TargetKey, ScoredTarget], scenes: Mapping[TargetKey, Mapping[str, Any]]
+) -> "Figure | None":
+    """A point for each target that has a pose and a scene: its ADD(-S) by its distance (m)."""
+    found = [
+        (float(np.linalg.norm(scene["truth"][3:12:4])), score.add_error, score.add_correct)
+        for key, scene in scenes.items()
+        if key in scores and (score := scores[key].score).found
+    ]
+    if not found:
+        return None
+    figure, ax = _figure(2.5)
+    millimetres, errors, right = map(np.array, zip(*found, strict=True))
+    colors = [_BLUE if verdict else _ORANGE for verdict in right]
+    ax.scatter(millimetres / MILLIMETRES_PER_METRE, MILLIMETRES_PER_METRE * errors, 26, colors)
+    ax.set(xlabel="distance from the camera, m", ylabel="ADD(-S), mm", yscale="log")
     return figure
 
 
@@ -138,9 +166,10 @@ def _figure(height: float) -> tuple["Figure", "Axes"]:
 BUDGET = "refinement.budget_ms"
 FRONT = "Pareto front"
 _NAME = "recall_by_time"
-_COLUMNS = ("targets", "add_recall", "ci95_low", "ci95_high", "median_ms", "p95_ms", "pareto")
+_COLUMNS = (
+    "targets", "add_recall", "ci95_low", "ci95_high", "median_ms", "p95_ms", "load", "pareto",
+)  # fmt: skip
 _NEAR = 0.05  # of the longest time: labels closer than this are merged
-_WITHIN, _OVER, _BEST = "#0072b2", "#999999", "#d55e00"
 
 Point = tuple[float, float]
 """Time (ms) and recall."""
@@ -157,7 +186,7 @@ def draw_trade_off(folder: Path, runs: Sequence[Result], swept: Sequence[str]) -
     keys = [key for key in swept if any(key in run.chosen for run in runs)]
     front, rows = pareto_front([_point(run) for run in runs]), []
     for place, run in enumerate(runs):
-        times = run.total_ms["median"], run.total_ms["p95"]
+        times = run.total_ms["median"], run.total_ms["p95"], run_cells(run.summary)["load"]
         numbers = (run.targets, run.add["recall"], *run.add["ci95"], *times, int(place in front))
         rows.append([*(run.chosen.get(key, "") for key in keys), *numbers])
     write_csv(table, [*keys, *_COLUMNS], rows)
@@ -168,7 +197,7 @@ def _point(run: Result) -> Point:
     return run.total_ms["median"], run.add["recall"]
 
 
-def _axes(points: Sequence[Point], end: float, title: str) -> tuple["Figure", "Axes"]:
+def time_axes(points: Sequence[Point], end: float, title: str) -> tuple["Figure", "Axes"]:
     """Axes of recall and time from 0 to `end`, with the front of the points as a step."""
     from matplotlib.figure import Figure
 
@@ -194,23 +223,24 @@ def recall_by_time(runs: Sequence[Result], swept: Sequence[str]) -> "Figure":
     series: dict[str, list[Result]] = {}
     for run in sorted(runs, key=_point):
         series.setdefault(run.in_words([key for key in swept if key != BUDGET]), []).append(run)
-    points = [_point(run) for run in runs]
+    points, loads = [_point(run) for run in runs], loads_in_words([run.summary for run in runs])
     longest = max(time for time, _ in points)
     title = f"Recall against time, {runs[0].targets} targets"
-    figure, ax = _axes(points, 1.15 * longest, title)  # room for the last label
+    figure, ax = time_axes(points, 1.15 * longest, title)  # room for the last label
     best = [points[place] for place in pareto_front(points)]
     for name, members in series.items():
         times, recalls = zip(*map(_point, members), strict=True)
         below = [run.add["recall"] - run.add["ci95"][0] for run in members]
         above = [run.add["ci95"][1] - run.add["recall"] for run in members]
+        label = name + "".join(loads[runs.index(run)] for run in members)
         drawn = ax.errorbar(times, recalls, (below, above), marker="o", capsize=3,
-                            label=name or None)  # fmt: skip
+                            label=label or None)  # fmt: skip
         beaten = [_point(run) for run in members if _point(run) not in best]
         ax.plot([time for time, _ in beaten], [recall for _, recall in beaten], "o", zorder=5,
                 color=drawn[0].get_color(), markerfacecolor="white")  # fmt: skip
         for text, at in _budget_labels(members, longest) if BUDGET in swept else ():
             ax.annotate(text, at, (6, -4), textcoords="offset points", fontsize=8, va="top")
-    ax.legend(frameon=False, loc="lower right")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure
 
 
@@ -228,32 +258,6 @@ def _budget_labels(runs: Sequence[Result], longest: float) -> list[tuple[str, Po
         else:
             labels.append((text, (time, recall)))
     return labels
-
-
-def search_points(result: Mapping[str, Any]) -> "Figure":
-    """A point for each trial with a result, of what `search.json` holds; there must be one.
-
-    The first is the unchanged configuration.
-    """
-    limit, best = result["limit_ms"], result["best"]
-    trials = [trial for trial in result["trials"] if trial["error"] is None]
-    points = [(trial["time_ms"], trial["recall"]) for trial in trials]
-    end = 1.1 * max(limit, *(time for time, _ in points))
-    figure, ax = _axes(points, end, f"{len(trials)} trials of {result['space']}")
-    ax.axvline(limit, color="0.2", linewidth=1, linestyle=":", label=f"limit {limit:g} ms")
-    colors = [_WITHIN if time <= limit else _OVER for time, _ in points]
-    times, recalls = zip(*points, strict=True)
-    ax.scatter(times, recalls, 26, colors, zorder=3)
-    if best is not None:
-        words = f"best within the limit: trial {best['trial']}"
-        ax.plot(best["time_ms"], best["recall"], "*", color=_BEST, markersize=14, zorder=4,
-                label=words)  # fmt: skip
-    for trial, point in zip(trials, points, strict=True):
-        if trial["trial"] == 0:
-            ax.annotate("unchanged configuration", point, (8, -12), textcoords="offset points",
-                        fontsize=8)  # fmt: skip
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
-    return figure
 
 
 def pareto_front(points: Sequence[Point]) -> list[int]:

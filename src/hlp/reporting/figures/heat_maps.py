@@ -1,4 +1,4 @@
-"""Heat maps with their numbers: sweeps of two settings, basins, the oracle matrix."""
+"""Heat maps: sweeps of two settings, basins, the oracle matrix; and a search's trials as points."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from hlp.reporting.figures import save_figure
+from hlp.reporting.figures.charts import time_axes
 from hlp.reporting.study_tables import ALL_TARGETS, head_of, recalls_by_errors
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _CELL = (0.62, 0.42)  # inches
+_WITHIN, _OVER, _BEST = "#0072b2", "#999999", "#d55e00"
 _BRIGHT = 0.55  # luminance from which numbers are black
 
 
@@ -116,3 +118,29 @@ def oracle_map(result: Mapping[str, Any]) -> "Figure":
     title = f"ADD(-S) recall of {result['frames']} frames\nLost by each stage: {lost}"
     columns = [head_of(cell) for cell in result["cells"]]
     return draw_heat_maps([HeatMap("", recalls, ends=(0.0, 1.0))], names, columns, axes, title)
+
+
+def search_points(result: Mapping[str, Any]) -> "Figure":
+    """A point for each trial with a result, of what `search.json` holds; there must be one.
+
+    The first is the unchanged configuration.
+    """
+    limit, best = result["limit_ms"], result["best"]
+    trials = [trial for trial in result["trials"] if trial["error"] is None]
+    points = [(trial["time_ms"], trial["recall"]) for trial in trials]
+    end = 1.1 * max(limit, *(time for time, _ in points))
+    figure, ax = time_axes(points, end, f"{len(trials)} trials of {result['space']}")
+    ax.axvline(limit, color="0.2", linewidth=1, linestyle=":", label=f"limit {limit:g} ms")
+    colors = [_WITHIN if time <= limit else _OVER for time, _ in points]
+    times, recalls = zip(*points, strict=True)
+    ax.scatter(times, recalls, 26, colors, zorder=3)
+    if best is not None:
+        words = f"best within the limit: trial {best['trial']}"
+        ax.plot(best["time_ms"], best["recall"], "*", color=_BEST, markersize=14, zorder=4,
+                label=words)  # fmt: skip
+    for trial, point in zip(trials, points, strict=True):
+        if trial["trial"] == 0:
+            ax.annotate("unchanged configuration", point, (8, -12), textcoords="offset points",
+                        fontsize=8)  # fmt: skip
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    return figure

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 SQLITE = "sqlite:///"
+VIEWS = "mlflow.sharedViewState."  # tags of the views of an experiment, which links ask for
 _ARTIFACTS = "mlflow-artifacts"
 _DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
 _COMPANIONS = ("", "-journal", "-wal", "-shm")
@@ -94,7 +95,7 @@ def _open(
         created = client.create_experiment(experiment, artifact_location=artifacts, tags=dict(tags))
         return client, str(created)
     for name, value in tags.items():  # somebody's own description stays
-        if name not in found.tags:
+        if name not in found.tags or name.startswith(VIEWS):
             client.set_experiment_tag(found.experiment_id, name, value)
     for run in client.search_runs([found.experiment_id], "attributes.status = 'RUNNING'"):
         if owner_is_dead(run.data.tags):

@@ -15,6 +15,7 @@ from urllib.request import urlopen
 from hlp.errors import InputError, MissingFileError, NetworkError
 from hlp.reporting.mlflow import (
     SQLITE,
+    VIEWS,
     artifacts_uri,
     database_path,
     import_client,
@@ -25,17 +26,19 @@ from hlp.reporting.mlflow import (
 NOTE = "mlflow.note.content"  # tag of what MLflow shows as the description, in Markdown
 _KIND = "mlflow.experimentKind"  # otherwise MLflow opens its pages for language models
 _VIEW = "hlp"  # name of the shared view, which links to the page ask for
-HEADLINES = ("add", "5cm5deg", "iou50", "ms")
+HEADLINES = ("add", "5cm5deg", "iou50", "ms", "targets", "frames")
 """The numbers that one compares first. All others have names with a group: `time_ms/total`."""
 _RECALLS = HEADLINES[:3]
-# MLflow sorts metrics by name and cuts names of runs off; these fit a window of 1440 px, also with
-# its assistant beside them.
+# MLflow sorts metrics by name and cuts names of runs off; names and the first three metrics fit a
+# window of 1440 px with its assistant: a recall is seen beside what it was measured on.
 _WIDTHS = {
     "attributes.`Run Name`": 270,
     "metrics.`add`": 75,
+    "metrics.`targets`": 80,
+    "metrics.`frames`": 75,
+    "metrics.`ms`": 75,
     "metrics.`5cm5deg`": 95,
     "metrics.`iou50`": 80,
-    "metrics.`ms`": 75,
     "runDateAndNestInfo": 150,
     "duration": 85,
 }  # px
@@ -76,7 +79,7 @@ def experiment_tags(about: str = "", command: str = "", data: str = "") -> dict[
         "columnOrder": [*_WIDTHS],
         "columnWidths": _WIDTHS,
     }
-    tags = {_KIND: "custom_model_development", f"mlflow.sharedViewState.{_VIEW}": json.dumps(view)}
+    tags = {_KIND: "custom_model_development", f"{VIEWS}{_VIEW}": json.dumps(view)}
     description = "\n\n".join(filter(None, lines))
     return {**tags, NOTE: description} if description else tags
 
@@ -98,7 +101,6 @@ def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
     None where nothing was measured.
     """
     flat = headline_metrics(summary)
-    flat["counts/targets"] = summary["targets"]
     for key in _RECALLS:
         metric = summary["metrics"][key]
         low, high = metric["ci95"]
@@ -126,14 +128,14 @@ def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
 
 
 def headline_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
-    """Recalls and median time (ms, of one object in one frame) of `summary.json`.
+    """Recalls, median time (ms, of one object in one frame), targets and frames of `summary.json`.
 
     Rounded, since MLflow's columns would show `0.943661…`.
     """
     values = {key: summary["metrics"][key]["recall"] for key in _RECALLS}
-    values[HEADLINES[3]] = summary["timing_ms"]["total"]["median"]
-    digits = dict(zip(HEADLINES, (4, 4, 4, 1), strict=True))
-    return {k: None if v is None else round(v, digits[k]) for k, v in values.items()}
+    values["ms"] = summary["timing_ms"]["total"]["median"]
+    rounded = {k: v if v is None else round(v, 1 if k == "ms" else 4) for k, v in values.items()}
+    return rounded | {name: summary.get(name) for name in HEADLINES[4:]}
 
 
 def how_to_browse(uri: str, path: str) -> str:

@@ -4,6 +4,7 @@ import base64
 import json
 import logging
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 from statistics import fmean
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from hlp.files import PAGE, write_text
+from hlp.files import MANIFEST, PAGE, SWEEP, write_text
 from hlp.reporting.results import run_command
 from hlp.reporting.summary_tables import MS_PER_FRAME, paper_recalls
 from hlp.results.recalls import CORRECT
@@ -23,8 +24,11 @@ if TYPE_CHECKING:
 def write_page(folder: Path, template: str, **values: Any) -> Path:
     """Write `report.html` from a template of the folder `layout`; the file.
 
-    Texts are escaped, JSON is not.
+    Texts are escaped, JSON is not. The page's date is that of the run's or sweep's last file.
     """
+    found = (folder / name for name in (MANIFEST, SWEEP))
+    made = max(path.stat().st_mtime for path in found if path.is_file())
+    values["date"] = f"{datetime.fromtimestamp(made):%d %B %Y, %H:%M}"
     write_text(folder / PAGE, _templates().get_template(template).render(**values))
     return folder / PAGE
 

@@ -1,7 +1,7 @@
 """`report.html` of a run, of a study (oracle, basin, bench, search), and of a sweep of either."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,15 @@ from hlp.folders import found_below
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.figures import charts, svg_in_base64
+from hlp.reporting.figures.bars import object_bars
 from hlp.reporting.page import how_to_repeat, in_base64, run_verdict, write_page
-from hlp.reporting.page.report_data import ReportData, drawn_stages, picture_path, read_report_data
+from hlp.reporting.page.report_data import (
+    PANELS,
+    ReportData,
+    drawn_stages,
+    picture_path,
+    read_report_data,
+)
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,
     calibration_words,
@@ -29,6 +36,7 @@ from hlp.reporting.table import Table, format_share
 from hlp.results.recalls import TargetKey, read_summary
 
 _MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
+_FRAMES = 24  # in the gallery, at most
 _FIGURES = ("waterfall", "calibration")  # that lie as SVG in a run's folder
 _COLUMNS = (
     "scene", "image", "object", "", "verdict", "cause", "visible", "ADD(-S) mm", "rotation °",
@@ -45,8 +53,8 @@ def write_run_page(folder: Path) -> Path:
     """
     summary, manifest = read_summary(folder / SUMMARY), read_json(folder / MANIFEST)
     targets, kept = read_targets(folder / SCORES), read_report_data(folder)
-    stages = drawn_stages(folder)
-    room = _MOST_BYTES - sum(path.stat().st_size for path in stages.values())
+    stages, frames = drawn_stages(folder), sorted((folder / PANELS).glob("*_poses.jpg"))[:_FRAMES]
+    room = _MOST_BYTES - sum(path.stat().st_size for path in (*stages.values(), *frames))
     pictures = _pictures(folder, kept, targets, room)
     config: Mapping[str, Any] = manifest.get("config", {})
     return write_page(
@@ -57,12 +65,13 @@ def write_run_page(folder: Path) -> Path:
         metrics=_metrics(summary),
         objects=objects_table(summary),
         lost=waterfall_tables(summary),
-        charts=_charts(folder, summary, list(targets.values()), kept.diameters_mm),
+        charts=_charts(folder, summary, targets, kept),
+        frames={path.stem.removesuffix("_poses"): in_base64(path) for path in frames},
         times=timing_words(summary),
         scores=" ".join(filter(None, (calibration_words(summary), false_alarm_words(summary)))),
         columns=_COLUMNS,
         digits=_DIGITS,
-        rows=_rows(targets, pictures),
+        rows=_rows(targets),
         pictures=pictures,
         stages={words: in_base64(path) for words, path in stages.items()},
         scenes=_scenes(kept, targets),
@@ -90,15 +99,18 @@ def _metrics(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 def _charts(
     folder: Path,
     summary: Mapping[str, Any],
-    targets: Sequence[ScoredTarget],
-    diameters_mm: Mapping[str, float],
+    scores: Mapping[TargetKey, ScoredTarget],
+    kept: ReportData,
 ) -> dict[str, str]:
     """SVG in base64 by name; empty where there is nothing to draw."""
+    targets = list(scores.values())
     figures = {
-        "objects": charts.object_bars(summary),
-        "ad_curve": charts.ad_curve(targets, diameters_mm),
+        "objects": object_bars(summary),
+        "ad_curve": charts.ad_curve(targets, kept.diameters_mm),
+        "bop": charts.bop_curves(targets),
         "translation": charts.error_histogram(targets, "translation"),
         "rotation": charts.error_histogram(targets, "rotation"),
+        "distance": charts.error_by_distance(scores, kept.targets),
         "visibility": charts.visibility_bars(targets),
         "timing": charts.timing_bars(summary),
     }
@@ -109,13 +121,11 @@ def _charts(
     }
 
 
-def _rows(
-    targets: Mapping[TargetKey, ScoredTarget], pictures: Mapping[str, str]
-) -> list[list[str | float | None]]:
-    """A row a target in the order of `_COLUMNS`; the fourth cell is the key of its picture."""
+def _rows(targets: Mapping[TargetKey, ScoredTarget]) -> list[list[str | float | None]]:
+    """A row a target in the order of `_COLUMNS`; the fourth cell is its key."""
     rows: list[list[str | float | None]] = []
     for key, target in targets.items():
-        score, name = target.score, _name(key)
+        score = target.score
         numbers = (
             score.visible_fraction,
             MILLIMETRES_PER_METRE * score.add_error,
@@ -128,7 +138,7 @@ def _rows(
                 score.scene_id,
                 score.frame_id,
                 target.name,
-                name if name in pictures else None,
+                _name(key),
                 "right" if score.add_correct else "wrong" if score.found else "not found",
                 score.cause.replace("_", " "),
                 # JSON has neither nan nor inf.

@@ -3,8 +3,9 @@
   const data = JSON.parse(document.getElementById("data").textContent);
   const at = id => document.getElementById(id);
   const body = at("list").tBodies[0], heads = [...at("list").tHead.rows[0].cells];
-  const PICTURE = 3, VERDICT = 4, WORDS = new Set([2, 4, 5]), MOST = 500;
-  let order = [VERDICT, -1], shown = [];
+  const KEY = 3, VERDICT = 4, WORDS = new Set([2, 4, 5]), MOST = 500;
+  let order = [VERDICT, -1], shown = [], opened = null;
+  const picture = row => data.pictures[row[KEY]];
   heads.forEach((head, i) => { if (WORDS.has(i)) head.className = "words"; });
 
   const compare = (a, b) => a === b ? 0 : a === null ? 1 : b === null ? -1 : a < b ? -1 : 1;
@@ -15,8 +16,9 @@
   };
   function list() {
     const words = at("filter").value.toLowerCase().split(/\s+/).filter(Boolean);
-    shown = sorted(data.rows.filter(row => (!at("pictured").checked || row[PICTURE]) &&
-      words.every(word => row.some((cell, i) => i !== PICTURE && String(cell ?? "").toLowerCase().includes(word)))));
+    shown = sorted(data.rows.filter(row => (!at("pictured").checked || picture(row)) &&
+      words.every(word => row.some((cell, i) => i !== KEY && String(cell ?? "").toLowerCase().includes(word)))));
+    heads.forEach((head, i) => head.setAttribute("aria-sort", i !== order[0] ? "none" : order[1] > 0 ? "ascending" : "descending"));
     body.replaceChildren(...shown.slice(0, MOST).map(line));
     const cut = shown.length > MOST ? ` (the first ${MOST} are listed)` : "";
     at("count").textContent = `${shown.length} of ${data.rows.length} targets${cut}`;
@@ -25,34 +27,50 @@
     const tr = document.createElement("tr");
     row.forEach((cell, i) => {
       const td = tr.insertCell();
-      td.textContent = i === PICTURE ? (cell ? "▣" : "") :
+      td.textContent = i === KEY ? (picture(row) ? "▣" : "") :
         typeof cell === "number" ? cell.toFixed(data.digits[i]) : cell ?? "–";
       if (WORDS.has(i)) td.className = i === VERDICT && cell !== "right" ? "words wrong" : "words";
     });
-    if (row[PICTURE]) {
-      tr.className = "seen";
-      tr.tabIndex = 0;
-      tr.onclick = () => look(row, tr);
-      tr.onkeydown = event => { if (event.key === "Enter") look(row, tr); };
-    }
+    tr.row = row;
+    tr.tabIndex = 0;
+    tr.onclick = () => look(row);
+    tr.onkeydown = event => {
+      const next = { ArrowDown: tr.nextElementSibling, ArrowUp: tr.previousElementSibling }[event.key];
+      if (event.key === "Enter") look(row);
+      if (next) { event.preventDefault(); next.focus(); look(next.row, false); }
+    };
+    mark(tr);
     return tr;
   }
-  heads.forEach((head, i) => { head.onclick = () => {
+  const mark = tr => tr.row === opened ? tr.setAttribute("aria-current", "true") : tr.removeAttribute("aria-current");
+  heads.forEach((head, i) => { if (i !== KEY) head.firstElementChild.onclick = () => {
     order = [i, order[0] === i ? -order[1] : 1];
     list();
   }; });
+  at("csv").onclick = () => {
+    const cell = value => /[",\n]/.test(value ?? "") ? `"${String(value).replaceAll('"', '""')}"` : value ?? "";
+    const lines = [heads.map((head, i) => i === KEY ? "target" : head.textContent), ...shown];
+    const text = lines.map(line => line.map(cell).join(",") + "\n").join("");
+    at("csv").href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+  };
   at("filter").oninput = list;
   at("pictured").onchange = list;
-  at("close").onclick = () => { at("look").hidden = true; };
+  at("close").onclick = () => {
+    at("look").hidden = true;
+    opened = null;
+    [...body.rows].forEach(mark);
+  };
 
-  function look(row, tr, scroll = true) {
-    body.querySelectorAll(".open").forEach(each => each.classList.remove("open"));
-    tr.classList.add("open");
+  function look(row, scroll = true) {
+    opened = row;
+    [...body.rows].forEach(mark);
     at("look").hidden = false;
     at("name").textContent = `${row[2]} in image ${row[1]} of scene ${row[0]}: ${row[VERDICT]}` +
       (row[5] ? `, ${row[5]}` : "");
-    at("picture").src = "data:image/jpeg;base64," + data.pictures[row[PICTURE]];
-    show(data.scenes.targets[row[PICTURE]]);
+    at("name").href = "#" + row[KEY];
+    at("seen").hidden = !picture(row);
+    if (picture(row)) at("picture").src = "data:image/jpeg;base64," + picture(row);
+    show(picture(row) && data.scenes.targets[row[KEY]]);
     if (scroll) at("look").scrollIntoView({ behavior: "smooth", block: "nearest" });
   }
 
@@ -69,12 +87,13 @@
     scene = {
       points: new Int16Array(bytes(target.points).buffer), colors: bytes(target.colors),
       edges: model.edges, truth: moved(target.truth),
-      found: target.estimate ? moved(target.estimate) : null, radius: 0.75 * model.diameter_mm,
+      found: target.estimate ? moved(target.estimate) : null,
     };
-    const all = scene.truth;
-    scene.center = [0, 1, 2].map(i => all.reduce((sum, v) => sum + v[i], 0) / all.length);
-    const apart = target.estimate ? Math.hypot(...[3, 7, 11].map(i => target.estimate[i] - target.truth[i])) : 0;
-    yaw = 0.5; pitch = -0.35; zoom = Math.max(0.3, scene.radius / (scene.radius + 0.8 * apart));
+    // A ball about both poses, in the middle: it is within the canvas from all sides.
+    const all = [...scene.truth, ...scene.found ?? []];
+    scene.center = [0, 1, 2].map(i => (Math.min(...all.map(v => v[i])) + Math.max(...all.map(v => v[i]))) / 2);
+    scene.radius = 1.05 * Math.max(...all.map(v => Math.hypot(...v.map((x, i) => x - scene.center[i]))));
+    yaw = 0.5; pitch = -0.35; zoom = 1;
     draw();
   }
   function draw() {
@@ -116,17 +135,31 @@
     }
     pen.stroke();
   }
-  canvas.onpointerdown = event => canvas.setPointerCapture(event.pointerId);
+  const held = new Map();  // places of the mouse, or of fingers
+  const apart = () => { const [[a, b], [c, d]] = held.values(); return Math.hypot(a - c, b - d) || 1; };
+  canvas.onpointerdown = event => {
+    canvas.setPointerCapture(event.pointerId);
+    held.set(event.pointerId, [event.clientX, event.clientY]);
+  };
+  canvas.onpointerup = canvas.onpointercancel = event => held.delete(event.pointerId);
   canvas.onpointermove = event => {
-    if (!event.buttons) return;
-    yaw -= event.movementX / 120;
-    pitch = Math.max(-1.5, Math.min(1.5, pitch + event.movementY / 120));
+    const before = held.get(event.pointerId);
+    if (!before) return;
+    const last = held.size === 2 ? apart() : 0;
+    held.set(event.pointerId, [event.clientX, event.clientY]);
+    if (held.size === 2) zoom *= apart() / last;
+    else {
+      yaw -= (event.clientX - before[0]) / 120;
+      pitch = Math.max(-1.5, Math.min(1.5, pitch + (event.clientY - before[1]) / 120));
+    }
     draw();
   };
   canvas.onwheel = event => { event.preventDefault(); zoom *= Math.exp(-event.deltaY / 600); draw(); };
   at("cloud").onchange = () => draw();
 
+  const linked = () => data.rows.find(row => "#" + row[KEY] === location.hash);
+  onhashchange = () => { if (linked()) look(linked()); };
   list();
-  const first = shown.find(row => row[PICTURE]);
-  if (first) look(first, body.querySelector(".seen") ?? document.createElement("tr"), false);
+  const first = linked() ?? shown.find(picture);
+  if (first) look(first, first === linked());
 })();
