@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from hlp.geometry import rigid
-from hlp.method.find.attempts import Attempts, poses_beside
+from hlp.method.find.attempts import Attempts, poses_beside, poses_turned
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
@@ -167,3 +167,61 @@ def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(ve
     unknown = attempts(Scores(verifier, [0.4, 0.9, 0.0, 0.0]), context, 2, min_score=0.3)
     unknown.add(refined(POSES[0], POSES[1]))
     assert found_places(unknown) == [0]  # where their number is not known, chosen ones alone
+
+
+QUARTER = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+WRONG = rigid(TURN @ QUARTER, PLACES[1] + [0.0, 0.0, (SIZE[0] - SIZE[2]) / 2])
+"""The second box with another of its faces in front, in the plane of the true one."""
+
+
+def test_turned_poses_keep_the_plane_of_the_face_in_front(verifier):
+    turned = poses_turned(verifier.model, WRONG)
+    assert np.abs(turned - POSES[1]).max(axis=(1, 2)).min() < 1e-9
+    assert len(turned) == 23
+    half_turns = rigid(np.array([np.diag(d) for d in ([1, 1, 1], [1, -1, -1.0])]), np.zeros(3))
+    symmetric = replace(verifier.model, symmetries=half_turns)
+    assert len(poses_turned(symmetric, WRONG)) == 22
+
+
+def is_turned_right(pose):
+    return np.allclose(np.abs(pose[:3, :3]), np.abs(TURN))
+
+
+class Turned(Scores):
+    """Refining is choosing by cost; a pose is likely that is the true one, or a half-turn of it."""
+
+    def __init__(self, verifier, observation, scores, templates=True):
+        super().__init__(verifier, [scores[0]] * 4, templates)
+        self._observation, self._wrong = observation, scores[1]
+
+    def refine(self, _, __, coarse, missing, rest, min_score=None):
+        costs = self._verifier.costs(self._observation, coarse.poses_cam_obj)
+        return refined(*coarse.poses_cam_obj[np.argsort(costs)])
+
+    def score(self, _, __, pose):
+        return super().score(_, __, pose) if is_turned_right(pose) else self._wrong
+
+
+@pytest.mark.parametrize(
+    ("scores", "templates", "min_score", "right"),
+    [
+        ((0.9, 0.5), True, None, True),
+        ((0.4, 0.5), True, None, False),
+        ((0.9, 0.2), True, None, False),
+        ((0.9, 0.5), False, None, False),
+        ((0.9, 0.5), True, 0.5, False),
+    ],
+    ids=["better", "score is lower", "unlikely", "coloured", "number not known"],
+)
+def test_another_face_in_front_is_taken_if_cost_and_score_are_better(
+    verifier, scores, templates, min_score, right
+):
+    context = frame(verifier, WHITE, WHITE)
+    tried = attempts(
+        Turned(verifier, context.observation, scores, templates), context, 1, min_score
+    )
+    tried.add(refined(WRONG))
+    tried.search_turned()
+    (pose,) = tried.merged().chosen_poses
+    assert is_turned_right(pose) == right
+    np.testing.assert_allclose(pose[:3, 3], (POSES[1] if right else WRONG)[:3, 3], atol=1e-9)

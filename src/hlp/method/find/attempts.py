@@ -3,13 +3,15 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
 
 from hlp.arrays import Pose, Poses
+from hlp.geometry import rigid, rotation_distance, transform
 from hlp.method.find.estimator import FrameContext, PoseEstimator
-from hlp.records import Hypotheses
+from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.appearance import (
     BEST_OF_MANY,
     FrameColors,
@@ -28,6 +30,16 @@ _TRIED = 3
 """Instances that are refined at once where their number is not known (D)."""
 _LIKELY = 0.3
 """Score of a pose beside which others of its kind are looked for (D)."""
+_SAME_TURN = np.radians(15.0)
+_QUARTERS = np.array(
+    [
+        turn
+        for order in permutations(np.eye(3))
+        for signs in product((1.0, -1.0), repeat=3)
+        if np.linalg.det(turn := np.array(order) * signs) > 0.0
+    ]
+)
+"""The 24 turns that map a cube onto itself."""
 
 
 class Unexplained:
@@ -130,6 +142,37 @@ class Attempts:
             coarse = poses_beside(verifier, self._context.observation, np.stack(new))
             self._refine(coarse, self._instances - len(found), self._left_by(found))
 
+    def search_turned(self) -> None:
+        """Take what stands turned in the place of a likely one, if it fits better.
+
+        A part that was taken for its other side, or a carton with another face in front, costs
+        little more than the right pose, and no search from there finds that. Where the number of
+        instances is not known, as many wrong answers as right ones would gain by it.
+        """
+        for answer in self._different() if self._colorless and self._min_score is None else ():
+            if answer.score >= _LIKELY:
+                self._turn(answer)
+
+    def _turn(self, answer: _Answer) -> None:
+        verifier, seen = self._estimator.verifier(self._object_id), self._context.observation
+        poses = poses_turned(verifier.model, answer.pose)
+        if len(poses) == 0:
+            return
+        coarse = Hypotheses(poses, np.ones(len(poses)))
+        of = self._context, self._object_id, coarse, 1, self._unexplained
+        found = self._estimator.refine(*of)
+        if found is None:
+            return
+        best = found.chosen_poses[0]
+        before, cost = verifier.costs(seen, np.stack([answer.pose, best]))
+        score = self._score(best, BEST_OF_MANY)
+        # Each alone is fooled more often: the score by what covers the part, the cost by noise.
+        if cost < before and score > self._score(answer.pose, BEST_OF_MANY):
+            row = sum(len(others.refined) for others in self._found) + found.best
+            self._found.append(replace(found, sources=np.full_like(found.sources, -1)))
+            self._answers = [other for other in self._answers if other.row != answer.row]
+            self._answers.append(_Answer(score, row, best, answer.chosen))
+
     def _left_by(self, known: Sequence[Pose]) -> Observation | None:
         rest = Unexplained(self._estimator, self._context, self._unexplained)
         for pose in known:
@@ -223,3 +266,24 @@ def poses_beside(verifier: Verifier, observation: Observation, found: Poses) -> 
     limit = verifier.costs(observation, found).max() + verifier.settings.max_improvement
     poses = poses[verifier.costs(observation, poses) <= limit]
     return Hypotheses(poses, np.ones(len(poses)))
+
+
+def poses_turned(model: ObjectModel, found: Pose) -> Poses:
+    """Coarse poses at the place of what was `found`, turned by quarters about the model's axes.
+
+    The side of its bounding box that faces the camera stays in its plane. Turns that its symmetries
+    do not tell apart are left out.
+    """
+    vertices = np.asarray(model.proxy.vertices, dtype=np.float64)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    apart = rotation_distance(_QUARTERS[:, None], model.symmetries[None, :, :3, :3])
+    rotations = found[:3, :3] @ _QUARTERS[apart.min(axis=1) > _SAME_TURN]
+    center = transform(found, middle[None])[0]
+    towards = -found[:3, :3].T @ center
+    front = int(np.argmax(np.abs(towards)))
+    normal = found[:3, front] * np.sign(towards[front])
+    depths = np.abs(normal @ rotations) @ half
+    centers = center + (half[front] - depths)[:, None] * normal
+    poses = rigid(rotations, centers - rotations @ middle)
+    return np.asarray(poses[refinable(poses, model.centroid)])

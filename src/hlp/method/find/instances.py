@@ -56,6 +56,7 @@ def find_instances(
             break
         attempts.search_further(coarse_poses, right)
         attempts.search_neighbours()
+    attempts.search_turned()
     return attempts.merged()
 
 
