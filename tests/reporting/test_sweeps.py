@@ -145,7 +145,7 @@ def test_the_page_of_runs_shows_figures_objects_and_leads_to_theirs(runs: Path) 
     assert [page.parent for page in pages] == [runs / "0", runs / "1", runs]
     text = pages[-1].read_text()
     assert 'href="0/report.html"' in text and 'href="2/report.html"' not in text
-    assert "best by ADD(-S): particles 25" in text and "http" not in text
+    assert "best by ADD(-S): particles 25" in text and "://" not in text
     drawn = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
     written = [(runs / f"{name}.svg").read_bytes() for name in ("sweep", "recall_by_time")]
     assert list(map(base64.b64decode, drawn)) == written

@@ -196,6 +196,12 @@ def test_nothing_in_the_store_leads_out_of_it_or_stays_in_the_way(tmp_path, what
     assert (elsewhere / "mine").read_text() == "of the user" and not (tmp_path / "nowhere").exists()
 
 
+def test_the_lock_of_the_store_makes_no_file_where_a_link_leads(tmp_path):
+    (tmp_path / ".in-use").symlink_to(tmp_path / "nowhere")
+    ask(tmp_path)
+    assert not (tmp_path / "nowhere").exists()
+
+
 def test_a_finished_output_that_holds_a_link_to_elsewhere_is_made_again(tmp_path):
     ask(tmp_path)
     data = tmp_path / "codebook" / NAME / "data.txt"

@@ -24,7 +24,7 @@ from typing import Annotated, Any
 from annotated_types import Ge, Le
 from filelock import FileLock, Timeout
 
-from hlp.errors import DataError
+from hlp.errors import DataError, InputError
 from hlp.files import read_json, remove_unfinished, write_json
 from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.folders import lock_file, own_files
@@ -215,7 +215,9 @@ class StageStore:
             return
         import fcntl
 
-        with suppress(OSError):  # no folder yet, a read-only one, or a file system without locks
+        # No folder yet, a read-only one, a file system without locks; or a link, which cleaning
+        # refuses, too.
+        with suppress(OSError, InputError):
             self._in_use = lock_file(self.root / IN_USE)
             weakref.finalize(self, self._in_use.close)
             fcntl.flock(self._in_use, fcntl.LOCK_SH)
