@@ -13,6 +13,7 @@ import re
 import sys
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,7 +41,9 @@ SWEEP = "sweep.json"
 MOST_BYTES = 512 * 1024**2
 """A larger JSON file is an error: it would fill the memory. BOP's largest have 100 MB."""
 _DEEPEST = 64  # lists and objects within each other in JSON
+_MOST_EVENTS = 5_000  # of a YAML text, whose parser takes seconds for more
 _UNFINISHED = re.compile(r"\..+\.\d+")
+_GROUPED = re.compile(r"[-+.]?\d[\d.]*_[-+.\d_eE]*")  # digits, which YAML takes for a number
 NO_ARRAYS = (
     ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error,
     NotImplementedError, RuntimeError, MemoryError, SyntaxError, OverflowError, TokenError,
@@ -162,7 +165,7 @@ def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
 def parse_json(text: str, where: str) -> Any:
     """Parsed JSON of a text; see `read_json`."""
     try:
-        content = json.loads(text, object_pairs_hook=_without_doubles)
+        content = json.loads(text, object_pairs_hook=_without_doubles, parse_constant=_no_number)
     except RecursionError as error:
         raise _too_deep(where) from error
     except _DoubleKeyError as error:
@@ -184,9 +187,56 @@ class _DoubleKeyError(Exception):
 def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise _DoubleKeyError(repr(next(name for name in names if names.count(name) > 1)))
+        (name, _), *_ = Counter(name for name, _ in pairs).most_common(1)
+        raise _DoubleKeyError(repr(name))
     return found
+
+
+def parse_yaml(text: str, where: str) -> Any:
+    """The first document of a YAML text of plain values; None where there is none.
+
+    Raises DataError for anything else: tags, references (*name), numbers such as 3_00, what is
+    nested too deeply or too long.
+    """
+    import yaml
+
+    depth = 0
+    try:
+        for count, event in enumerate(yaml.parse(text, yaml.SafeLoader)):
+            name = type(event).__name__
+            depth += name.endswith("StartEvent") - name.endswith("EndEvent")
+            if depth > _DEEPEST or count > _MOST_EVENTS:
+                raise DataError(f"{where} is nested too deeply or too long: no file of its kind is")
+            if name == "AliasEvent" or getattr(event, "tag", None) is not None:
+                raise DataError(f"{where} refers to itself (*name) or has tags: write the values")
+            if name == "ScalarEvent" and event.style is None and _GROUPED.fullmatch(event.value):
+                raise DataError(f"{where}: {event.value} is no number")
+            if name == "DocumentEndEvent":  # `rostopic echo` ends with ---
+                break
+        return next(iter(yaml.safe_load_all(text)), None)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(f"{where} is not YAML: {str(error).splitlines()[0]}") from error
+
+
+def number(text: str) -> float:
+    """The number that a text is. Raises ValueError, also for digits in groups (3_00)."""
+    if "_" in text:
+        raise ValueError(f"{text!r} is no number")
+    return float(text)
+
+
+def expanded(path: str | Path) -> Path:
+    """The path with ~ expanded. Raises InputError for the home of nobody."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise InputError(f"{path}: there is no such user") from error
+
+
+def _no_number(name: str) -> None:
+    raise ValueError(f"{name} is no value of JSON")
 
 
 def _inner(value: Any) -> list[Any]:

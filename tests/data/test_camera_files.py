@@ -130,7 +130,7 @@ CASES: dict[str, Case] = {
     "null": (intrinsics("null"), "neither keys nor nine"),
     "words": (intrinsics("fx fy cx cy", "k.txt"), "k.txt: it holds neither"),
     "no JSON": (intrinsics("{"), "k.json is not JSON"),
-    "no YAML": (intrinsics("a: [", "k.yaml"), "k.yaml is neither JSON, YAML"),
+    "no YAML": (intrinsics("a: [", "k.yaml"), "k.yaml is not YAML"),
     "bytes": (intrinsics(b"\xff\xfe\xfa"), "is not text"),
     "deep": (intrinsics(DEEP), "nested deeper"),
     "deep YAML": (intrinsics("K: " + "[" * 5000, "k.yaml"), "k.yaml is nested too deeply"),
@@ -146,7 +146,7 @@ CASES: dict[str, Case] = {
     "no height": (intrinsics({"cam_K": FLAT, "width": 640}), "give pixels"),
     "distortion in words": (intrinsics({"cam_K": FLAT, "D": ["a"]}), "must be numbers"),
     "huge distortion": (intrinsics({"K": FLAT, "D": [10**400, 0, 0, 0]}), "must be numbers"),
-    "infinite distortion": (intrinsics('{"K": [1,1,1,1], "D": [Infinity]}'), "must be finite"),
+    "infinite distortion": (intrinsics('{"K": [1,1,1,1], "D": [Infinity]}'), "is no value of JSON"),
     "three coefficients": (intrinsics({"cam_K": FLAT, "D": [1, 1, 1]}), "3 distortion coeff"),
     "unknown model": (intrinsics(REALSENSE | {"coeffs": D}), "inverse_brown_conrady' cannot be"),
     "several cameras": (

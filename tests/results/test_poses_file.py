@@ -181,16 +181,17 @@ ANY_ESTIMATES = st.lists(
     ),
     max_size=5,
 )
-NUMBERS = st.floats(-1e100, 1e100) | st.sampled_from([float("nan"), float("inf")])
+SIZES = st.floats(0.0, 1e100) | st.just(float("inf"))
+SHARES = st.floats(0.0, 1.0) | st.just(float("nan"))
 SCORES = st.lists(
     st.builds(
         TargetScore,
         *(IDS, IDS, st.integers(0, 3), st.booleans()),
-        *(NUMBERS,) * 5,
+        *(SHARES, SIZES, SIZES, SIZES, SHARES),
         *(st.booleans(),) * 3,
-        *(NUMBERS,) * 3,
+        *(SHARES,) * 3,
         texts(),
-        NUMBERS,
+        SHARES,
         st.booleans(),
     ),
     max_size=4,

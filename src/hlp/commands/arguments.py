@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from hlp.errors import InputError
+from hlp.files import expanded
 from hlp.settings import read_settings
 
 T = TypeVar("T")
@@ -109,7 +110,13 @@ def of_single(
 
 def plain_value(text: str) -> Any:
     """A number, list, true, false or null; anything else is text: a path, with ~ expanded."""
-    text = text.strip()
+    try:
+        return _plain_value(text.strip())
+    except RecursionError as error:
+        raise InputError(f"{text} is nested too deeply") from error
+
+
+def _plain_value(text: str) -> Any:
     if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"":
         return text[1:-1]
     try:
@@ -118,14 +125,14 @@ def plain_value(text: str) -> Any:
         if re.fullmatch(r"[-+]?(\d+\.|\.\d+)([eE][-+]?\d+)?", text):  # .9 and 9., no JSON
             return float(text)
     if text.startswith("[") and text.endswith("]"):
-        return [plain_value(part) for part in text[1:-1].split(",") if part.strip()]
-    return str(Path(text).expanduser()) if text.startswith("~") else text
+        return [_plain_value(part.strip()) for part in text[1:-1].split(",") if part.strip()]
+    return str(expanded(text)) if text.startswith("~") else text
 
 
 def text_list(text: str) -> list[str]:
     """Names or paths separated by commas, with or without brackets; one path may hold commas."""
-    if Path(text).expanduser().exists():
-        return [str(Path(text).expanduser())]
+    if (path := expanded(text)).exists():
+        return [str(path)]
     return [str(value) for value in plain_value(text if text.startswith("[") else f"[{text}]")]
 
 
@@ -151,7 +158,7 @@ def whole_number(given: Mapping[str, str], key: str, most: int = 1024) -> int | 
 
 def path_of(given: Mapping[str, str], key: str, default: str | Path) -> Path:
     """The path of a key, with ~ expanded."""
-    return Path(given.get(key, default)).expanduser()
+    return expanded(given.get(key, default))
 
 
 def tracking_uri(work: str = "work") -> str:

@@ -23,6 +23,7 @@ from hlp.data.dataset import Dataset
 from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.errors import HlpError
+from hlp.files import expanded
 from hlp.method.detector import Detector
 from hlp.records import Frame
 from hlp.reporting.figures.panels import draw_detections, write_picture
@@ -190,9 +191,9 @@ def doctor(arguments: Sequence[str]) -> None:
         print(f"learnt    {folder}")
         findings += more
     if "data" in given:
-        output = Path(given["output"]).expanduser() if "output" in given else None
+        output = expanded(given["output"]) if "output" in given else None
         print(f"data      {given['data']}")
-        findings += examine_dataset(Path(given["data"]).expanduser(), output)
+        findings += examine_dataset(expanded(given["data"]), output)
         if output is not None:
             print(f"pictures  {output} (objects at their true poses)")
     if _FRAMES & given.keys():

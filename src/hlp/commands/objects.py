@@ -8,7 +8,7 @@ from pathlib import Path
 from hlp.commands import help_text
 from hlp.commands.arguments import nearest, tracking_uri
 from hlp.errors import InputError
-from hlp.files import MANIFEST, config_folder
+from hlp.files import MANIFEST, config_folder, expanded
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.runs import learnt_cache
 from hlp.runs.learnt_cache import find_learnt
@@ -31,7 +31,7 @@ def objects(arguments: Sequence[str]) -> None:
             print(f"removed {learnt_cache.remove_learnt(name, cache)}")
         case ["export", name, target]:
             with _whole(name, cache, work) as folder:
-                made = learnt_cache.export_learnt(str(folder), Path(target).expanduser(), cache)
+                made = learnt_cache.export_learnt(str(folder), expanded(target), cache)
             print(f"copied to {made}")
         case ["register", name, model]:
             from hlp.runs.mlflow_log import register_learnt
@@ -56,7 +56,7 @@ def _no_use(words: Sequence[str]) -> InputError:
 @contextmanager
 def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
     """An undamaged folder of learnt objects: one by path or name, or of what a run has learnt."""
-    manifest = Path(given).expanduser() / MANIFEST
+    manifest = expanded(given) / MANIFEST
     if not manifest.is_file():
         yield learnt_cache.find_whole(given, cache)
         return

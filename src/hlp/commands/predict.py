@@ -9,6 +9,7 @@ from hlp.commands import arguments as own
 from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames, SearchMasks
 from hlp.errors import InputError
+from hlp.files import expanded
 from hlp.kernels import set_compute_threads
 from hlp.method.detector import Detector
 from hlp.runs import prediction
@@ -64,7 +65,7 @@ def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[
         learning_request,  # Hydra, torch: only to learn
     )
 
-    request = learning_request(given, [str(Path(given["model"]).expanduser())], known)
+    request = learning_request(given, [str(expanded(given["model"]))], known)
     frames.load(frames.keys[0])  # what is wrong is said before minutes of learning
     return learn_once(cache, request)
 

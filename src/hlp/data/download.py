@@ -92,7 +92,7 @@ def fetch(archive: Archive, target: Path) -> dict[str, object]:
             found = sha256 if kind == "sha256" else _digest(path, kind)
             if found != digest:
                 path.unlink()
-                raise _wrong(archive, f"its {kind} is {found}, not {digest} (deleted: {path})")
+                raise _wrong(archive, f"its {kind} is {found}, not {digest[:12]}…")
             verified.append(f"{kind} {'known' if known == archive.checksum else 'of the server'}")
     path.rename(target)
     said = ", ".join(verified) or "size alone"

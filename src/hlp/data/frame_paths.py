@@ -12,6 +12,7 @@ import numpy as np
 from hlp.arrays import Rgb
 from hlp.data.images import DEPTH_EXTENSIONS, EXTENSIONS
 from hlp.errors import DataError, InputError, MissingFileError
+from hlp.files import expanded
 
 VIDEO_EXTENSIONS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 CAMERA_FILES = ("cam_K.txt", "camera.json", "intrinsics.json", "scene_camera.json")
@@ -46,7 +47,7 @@ def with_frames(given: Mapping[str, str]) -> dict[str, str]:
         return dict(given)
     if "rgb" in given:
         raise InputError("frames and rgb: give one of them")
-    root = Path(given["frames"]).expanduser()
+    root = expanded(given["frames"])
     if not root.is_dir():
         raise MissingFileError(f"frames is not a folder: {root} (set frames=FOLDER)")
     found = {key: value for key, value in given.items() if key != "frames"}
