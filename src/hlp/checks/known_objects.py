@@ -9,16 +9,15 @@ does so for the first frames of `hlp predict`.
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
+from hlp.arrays import Pose
 from hlp.checks import Finding, counted
 from hlp.checks.corrections import (
-    CorrectedFits,
-    best_score,
-    check_by_search,
+    Correction,
+    all_answers,
     check_corrections,
     correction_gains,
 )
@@ -50,12 +49,14 @@ class Evidence:
         self._detector = detector
         self._exchanges: list[float | None] = []
         self._shifts: list[Float[np.ndarray, "s s"] | None] = []
-        self._fits: list[CorrectedFits] = []
+        self._fits: list[dict[Correction, float]] = []
 
     def add(self, frame: Frame, answers: Sequence[Detection]) -> None:
         """Take in a frame and the answers to it, whatever their score."""
         models = self._detector.models
-        self._exchanges.append(exchange_gain(frame, models, answers))
+        fitting = colored_answers(models, answers)
+        placed = [(models[answer.object], answer.pose_cam_obj) for answer in fitting]
+        self._exchanges.append(exchange_gain(frame, placed))
         self._shifts.append(shift_agreements(frame, models, answers))
         self._fits.append(correction_gains(frame, models, answers, self._refine))
 
@@ -76,12 +77,6 @@ class Evidence:
             return None
 
 
-def all_answers(found: SearchResult | TrackingResult) -> list[Detection]:
-    """Detections and what was not good enough: a fault of the frame lowers the score."""
-    rejected = [rejection.answer for rejection in found.rejections if rejection.answer]
-    return [*found.detections, *rejected]
-
-
 def colored_answers(
     models: Mapping[str, ObjectModel], answers: Sequence[Detection]
 ) -> list[Detection]:
@@ -94,25 +89,20 @@ def colored_answers(
     ]
 
 
-def exchange_gain(
-    frame: Frame, models: Mapping[str, ObjectModel], answers: Sequence[Detection]
-) -> float | None:
-    """How much better the colours of known objects agree with red and blue exchanged.
+def exchange_gain(frame: Frame, placed: Sequence[tuple[ObjectModel, Pose]]) -> float | None:
+    """How much better the colours of objects agree with red and blue exchanged.
 
-    The mean difference of the correlations at the poses whose shape fits; None if there is no such
-    pose of an object with colours. `models` are by the names of the answers.
+    The mean difference of the correlations at the poses of those with colours; None if none has.
     """
-    fitting = colored_answers(models, answers)
-    if not fitting:
-        return None
     stated = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
     exchanged = replace(stated, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
     gains = [
-        color_agreement(exchanged, models[answer.object], answer.pose_cam_obj).correlation
-        - color_agreement(stated, models[answer.object], answer.pose_cam_obj).correlation
-        for answer in fitting
+        color_agreement(exchanged, model, pose).correlation
+        - color_agreement(stated, model, pose).correlation
+        for model, pose in placed
+        if model.mesh.colored
     ]
-    return float(np.mean(gains))
+    return float(np.mean(gains)) if gains else None
 
 
 def check_color_order(gains: Sequence[float | None]) -> list[Finding]:
@@ -180,7 +170,7 @@ def check_color_shift(agreements: Sequence[Float[np.ndarray, "s s"] | None]) -> 
 
 
 _EXAMINED = 6  # frames
-_SURE = 3  # frames before the first examination, and without answers before the search
+_SURE = 3  # frames before the first examination
 _logger = logging.getLogger(__name__)
 
 
@@ -189,7 +179,7 @@ class FaultWatch:
 
     Says one fault at most. Units and intrinsics are looked at in the first frame, what needs known
     objects in the first six; one or two frames must show it more clearly. Where none is found in
-    them, one frame is searched with other units, focal lengths and colours.
+    them, it says so: the reason is looked for by `hlp doctor`, which takes longer.
     """
 
     def __init__(self, detector: Detector, objects: Sequence[str] | None) -> None:
@@ -222,17 +212,14 @@ class FaultWatch:
         count = len(self._frames)
         if count < _SURE:
             self._examine(0)
-        scores = [max((found.score for found in answers), default=0.0) for answers in self._answers]
-        missed = [place for place, score in enumerate(scores) if score < MIN_SCORE]
-        if not self._done and len(missed) >= max(min(_SURE, count), (count + 1) // 2):
-            missed.sort(key=lambda place: -scores[place])
-            self._search(missed, scores[missed[0]])
         if count >= _SURE:
             self._say(check_registration(self._frames))
-        if not self._done and len(missed) == count:
+        if all(found.score < MIN_SCORE for answers in self._answers for found in answers):
             _logger.info(
-                "nothing was found; `hlp doctor` with the same learnt, rgb, depth and intrinsics "
-                "looks for the reason"
+                "%s: found in none of %d frames; `hlp doctor` with the same learnt, rgb, depth, "
+                "intrinsics, mask and box looks for the reason",
+                ", ".join(self._names),
+                count,
             )
         self._done = True
         self._frames.clear()
@@ -241,17 +228,6 @@ class FaultWatch:
         for frame, answers in zip(self._frames[first:], self._answers[first:], strict=True):
             self._evidence.add(frame, answers)
         self._say(self._evidence.findings())
-
-    def _search(self, missed: Sequence[int], stated: float) -> None:
-        """What change of frames lets the object be found that fits the first of them best."""
-        best = max(self._answers[missed[0]], key=lambda found: found.score, default=None)
-        name = self._names[0] if best is None else best.object
-        where = "in most frames" if len(self._frames) > 1 else "in this frame"
-        _logger.info(
-            "%s is not found %s: trying other units, focal lengths and colours", name, where
-        )
-        find = partial(best_score, self._detector, objects=[name])
-        self._say(check_by_search([self._frames[place] for place in missed], stated, find))
 
     def _say(self, findings: Sequence[Finding]) -> None:
         if not self._done:

@@ -10,11 +10,14 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hlp.errors import InputError
 from hlp.files import expanded
 from hlp.settings import read_settings
+
+if TYPE_CHECKING:
+    from hlp.data.own_frames import SearchMasks
 
 T = TypeVar("T")
 
@@ -144,6 +147,22 @@ def names_of_objects(given: dict[str, str]) -> list[str] | None:
     if not names:
         raise InputError("objects names none: leave it out to look for all of them")
     return names
+
+
+def search_masks(given: Mapping[str, str]) -> "SearchMasks | None":
+    """Where `mask` or `box` say that objects are; None without. Raises InputError."""
+    from hlp.data.own_frames import SearchMasks  # OpenCV: not for what only shows settings
+
+    if "mask" not in given and "box" not in given:
+        return None
+    if "mask" in given and "box" in given:
+        raise InputError("mask and box: give one of them")
+    if "mask" in given:
+        return SearchMasks(masks=str(plain_value(given["mask"])))
+    box = plain_value(given["box"] if "[" in given["box"] else f"[{given['box']}]")
+    if len(box) != 4 or not all(type(side) in (int, float) and abs(side) < 1e9 for side in box):
+        raise InputError(f"box={given['box']}: it must be [x,y,width,height] in pixels")
+    return SearchMasks(box=cast("tuple[float, float, float, float]", tuple(map(float, box))))
 
 
 def whole_number(given: Mapping[str, str], key: str, most: int = 1024) -> int | None:
