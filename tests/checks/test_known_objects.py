@@ -59,19 +59,22 @@ def test_colours_are_compared_where_the_shape_fits(frames, models, named, grey):
 
 
 def test_exchanged_colours_are_found_and_true_ones_are_not(frames, models, named):
-    true = [exchange_gain(item, named, answers(item, models)) for item in frames]
-    wrong = [exchange_gain(exchanged(frame), named, answers(frame, models)) for frame in frames]
+    placed = [
+        [(models[target.object_id], target.pose_cam_obj) for target in frame.targets]
+        for frame in frames
+    ]
+    true = list(map(exchange_gain, frames, placed))
+    wrong = list(map(exchange_gain, map(exchanged, frames), placed))
     np.testing.assert_allclose(true, np.negative(wrong), atol=1e-6)
     assert check_color_order(true) == []
     (finding,) = check_color_order(wrong)
     assert finding.kind == "colours" and finding.where == "3 frames"
 
 
-def test_wrong_poses_and_grey_objects_say_nothing(frames, models, named, grey):
-    wrong = replace(FITS, slope=0.5)
-    assert exchange_gain(frames[0], named, answers(frames[0], models, wrong)) is None
-    assert exchange_gain(frames[0], grey, answers(frames[0], models)) is None
-    assert exchange_gain(frames[0], named, []) is None
+def test_grey_objects_say_nothing(frames, grey):
+    pose = frames[0].targets[0].pose_cam_obj
+    assert exchange_gain(frames[0], [(model, pose) for model in grey.values()]) is None
+    assert exchange_gain(frames[0], []) is None
 
 
 @pytest.mark.parametrize(

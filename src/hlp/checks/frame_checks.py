@@ -14,10 +14,10 @@ from hlp.records import Frame, ObjectModel
 
 
 def check_frames(frames: Sequence[Frame], models: Sequence[ObjectModel]) -> list[Finding]:
-    """The quick checks: a tenth of a second for a frame. `models` are looked for, or none."""
+    """What takes no search: three seconds for all. `models` are looked for, or none."""
     if not frames:
         return []
-    return [*check_first_frame(frames[0], models), *check_registration(frames)]
+    return [*check_first_frame(frames[0], models), *check_registration(frames, whole=True)]
 
 
 def check_first_frame(frame: Frame, models: Sequence[ObjectModel]) -> list[Finding]:
@@ -111,6 +111,7 @@ _LEAST_JUMP = 0.01  # m
 _INSIDE = 0.4  # of the most edge pixels that lie in the colour image
 _CLEAR = 7.0  # agreement of the best place, in deviations of that of all places
 _REGISTERED = 0.5  # share of it that there is at the image's own place where that is right
+_NEAR = 4  # px: so small a shift is that of registered images
 _TOLERATED = 6  # px; cameras that claim to be registered are up to 5 off
 
 
@@ -219,7 +220,7 @@ class _Edges:
         inside = np.fft.rfft2(np.ones_like(colors[0]), padded)
         return cls((x, y), (first, second), inside, depth.shape[::-1], padded)
 
-    def agreement(self, place: Registration, reach: int) -> Image:
+    def agreement(self, place: Registration) -> Image:
         """Strength of colour edges under the depth edges, for every shift (cells) of a place."""
         strength, inside = np.zeros(self.padded), np.zeros(self.padded)
         for pixels, spectrum in zip(self.pixels, self.spectra, strict=True):
@@ -231,7 +232,7 @@ class _Edges:
             strength += np.fft.irfft2(spectrum * against, self.padded)
             inside += np.fft.irfft2(self.inside * against, self.padded)
         mean = strength / np.sqrt(np.maximum(inside, 1.0)) * (inside > _INSIDE * inside.max())
-        shifts = np.arange(-(reach // _CELL), reach // _CELL + 1)
+        shifts = np.arange(-_REACH // _CELL, _REACH // _CELL + 1)
         return np.asarray(mean[np.ix_(shifts, shifts)])
 
 
@@ -242,21 +243,23 @@ def _best_place(
     places = [Registration(scale, turn) for scale in scales for turn in turns]
     own = Registration()
     agreements = {
-        place: np.sum([each.agreement(place, reach) for each in edges], axis=0)
-        for place in {*places, own}
+        place: np.sum([each.agreement(place) for each in edges], axis=0) for place in {*places, own}
     }
     values = np.stack([*agreements.values()])
     middle = np.median(values)
     clear = _CLEAR * 1.4826 * np.median(np.abs(values - middle))
-    best = max(places, key=lambda place: agreements[place].max())
-    center, near = reach // _CELL, _TOLERATED // _CELL
-    around = slice(center - near, center + near + 1)
-    gain = agreements[best].max() - middle
+    center, near = _REACH // _CELL, _NEAR // _CELL
+    within, around = (slice(center - n, center + n + 1) for n in (reach // _CELL, near))
+    best = max(places, key=lambda place: agreements[place][within, within].max())
+    found = agreements[best][within, within]
+    gain = found.max() - middle
     if gain < clear or agreements[own][around, around].max() - middle > _REGISTERED * gain:
         return None
-    down, right = np.unravel_index(int(agreements[best].argmax()), agreements[best].shape)
-    shift = (_CELL * (int(cells) - center) for cells in (right, down))
-    return Registration(best.scale, best.turn, *shift)
+    down, right = np.unravel_index(int(found.argmax()), found.shape)
+    shift = (_CELL * int(cells) - reach for cells in (right, down))
+    place = Registration(best.scale, best.turn, *shift)
+    moved = best != own or np.hypot(place.right, place.down) >= _TOLERATED
+    return place if moved else None
 
 
 def _color_edges(rgb: Rgb) -> list[Image]:
