@@ -53,6 +53,10 @@ class NetworkError(HlpError, ConnectionError):
     """A server cannot be reached or breaks off; the message says what is kept for the next call."""
 
 
+class WorkerError(HlpError, RuntimeError):
+    """A process that worked for this one was killed."""
+
+
 class DiskFullError(HlpError, OSError):
     """There is too little room on a disk; the message names the folder and what it needs."""
 

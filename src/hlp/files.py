@@ -165,7 +165,7 @@ def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
 def parse_json(text: str, where: str) -> Any:
     """Parsed JSON of a text; see `read_json`."""
     try:
-        content = json.loads(text, object_pairs_hook=_without_doubles, parse_constant=_no_number)
+        content = json.loads(text, object_pairs_hook=_distinct, parse_constant=_no_number)
     except RecursionError as error:
         raise _too_deep(where) from error
     except _DoubleKeyError as error:
@@ -184,7 +184,7 @@ class _DoubleKeyError(Exception):
     """A key is stated twice in one object."""
 
 
-def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         (name, _), *_ = Counter(name for name, _ in pairs).most_common(1)
@@ -195,8 +195,7 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def parse_yaml(text: str, where: str) -> Any:
     """The first document of a YAML text of plain values; None where there is none.
 
-    Raises DataError for anything else: tags, references (*name), numbers such as 3_00, what is
-    nested too deeply or too long.
+    Raises DataError for anything else: tags, *name, 3_00, what is nested too deeply or too long.
     """
     import yaml
 
@@ -218,13 +217,6 @@ def parse_yaml(text: str, where: str) -> Any:
         if isinstance(error, DataError):
             raise
         raise DataError(f"{where} is not YAML: {str(error).splitlines()[0]}") from error
-
-
-def number(text: str) -> float:
-    """The number that a text is. Raises ValueError, also for digits in groups (3_00)."""
-    if "_" in text:
-        raise ValueError(f"{text!r} is no number")
-    return float(text)
 
 
 def expanded(path: str | Path) -> Path:

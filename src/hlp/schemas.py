@@ -34,6 +34,13 @@ SKEW = 0.01
 _BEYOND_DEPTH = 10.0  # a pose may be that many times nearer or farther than any depth
 
 
+def number(text: str) -> float:
+    """The number that a text is. Raises ValueError, also for digits in groups (3_00)."""
+    if "_" in text:
+        raise ValueError(f"{text!r} is no number")
+    return float(text)
+
+
 def require_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> None:
     """The numbers are those of a rotation, right-handed, up to rounding."""
     left, sizes, right = np.linalg.svd(matrix)

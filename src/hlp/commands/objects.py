@@ -48,9 +48,11 @@ def _no_use(words: Sequence[str]) -> InputError:
     word = words[0] if words else ""
     hint = nearest(word, _WORDS) if word not in _WORDS else ""
     uses = (line[7:] for line in help_text("objects").split("\n") if f" objects {word} " in line)
-    return InputError(
-        f"cannot use '{' '.join(words)}'{hint or ':'} see `{next(uses, 'hlp objects --help')}`"
-    )
+    use = next(uses, "hlp objects --help")
+    wanted = [part for part in use.split()[3:] if "=" not in part]
+    if word in _WORDS and (missing := wanted[len(words) - 1 :]):
+        return InputError(f"{' and '.join(missing)} is missing: `{use}`")
+    return InputError(f"cannot use '{' '.join(words)}'{hint or ':'} see `{use}`")
 
 
 @contextmanager

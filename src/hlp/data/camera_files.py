@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from hlp.arrays import CameraMatrix, Image
 from hlp.errors import InputError, MissingFileError
-from hlp.files import number, parse_json, parse_yaml
-from hlp.schemas import camera_matrix
+from hlp.files import parse_json, parse_yaml
+from hlp.schemas import camera_matrix, number
 
 _MOST_BYTES = 1024**2
 _MOST_JSON = 16 * 1024**2  # scene_camera.json of thousands of frames

@@ -31,6 +31,7 @@ SOURCES = "sources.json"
 """What a loaded folder was made from: addresses, sizes and checksums of the archives, licence."""
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _MOST_MEMBERS = 2_000_000
+_DEEPEST, _LONGEST_NAME = 64, 255  # folders in each other; bytes
 _MOST_RATIO = 20.0  # unpacked bytes per packed one; images and binary meshes have about 1 to 4
 _FREE_OF_RATIO = 50_000_000  # bytes: text may be packed better
 _RESERVE = 50e6  # bytes that stay free
@@ -71,6 +72,9 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
             shutil.rmtree(partial)
     except Timeout as error:
         raise InputError(f"another process is loading {folder}: wait for it") from error
+    finally:
+        if partial.is_dir() and not any(partial.iterdir()):
+            partial.rmdir()  # nothing of it was loaded
     Path(lock.lock_file).unlink(missing_ok=True)
     return folder
 
@@ -261,6 +265,8 @@ def _checked(archive: Path, members: Iterator[Member]) -> dict[PurePosixPath, Me
         if not member.is_plain:
             raise _unsafe(archive, member.name, "is encrypted, a link or a device")
         parts = member.name.rstrip("/").split("/")
+        if len(parts) > _DEEPEST or max(map(len, parts)) > _LONGEST_NAME:
+            raise _unsafe(archive, member.name[:80], "has too many folders or too long a name")
         inner = parts[1:] if parts[0] == "." else parts
         odd = any(part in ("", ".", "..") or part.strip() != part for part in inner)
         if odd or any(sign in member.name for sign in ("\\", "\0", ":")):

@@ -22,12 +22,12 @@ from hlp.data.images import (
     require_same_size,
 )
 from hlp.errors import DataError, MissingFileError
-from hlp.files import number
 from hlp.geometry import transform
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
 from hlp.schemas import (
     CameraEntry,
     camera_matrix,
+    number,
     require_depths,
     require_in_front,
     require_near_depths,

@@ -72,11 +72,11 @@ def list_images(given: str, key: str, extensions: tuple[str, ...]) -> list[Path]
     """
     path = Path(given)
     if is_pattern(path):
-        found = [file for file in path.parent.glob(path.name) if file.is_file()]
+        found = [file for file in path.parent.glob(path.name) if not file.is_dir()]
         problem = f"{key}: no file is like {path} (set {key}=PATTERN, quoted, with a *)"
     elif path.is_dir():
         found = [file for file in path.iterdir() if file.suffix.lower() in extensions]
-        found = [file for file in found if file.is_file() and not file.name.startswith(".")]
+        found = [file for file in found if not (file.is_dir() or file.name.startswith("."))]
         problem = f"{key}: no image in {path}"
     elif path.is_file():
         return [path]

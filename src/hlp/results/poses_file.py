@@ -15,10 +15,10 @@ from typing import Any, Self
 import numpy as np
 
 from hlp.errors import DataError
-from hlp.files import POSES, locked, number, read_csv, replaced, write_csv, write_text
+from hlp.files import POSES, locked, read_csv, replaced, write_csv, write_text
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate, TargetScore
-from hlp.schemas import require_rotation, whole_ids
+from hlp.schemas import number, require_rotation, whole_ids
 
 POSE_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 

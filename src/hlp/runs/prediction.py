@@ -18,6 +18,7 @@ import hlp
 from hlp.checks.known_objects import FaultWatch
 from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
+from hlp.method.arguments import checked_names
 from hlp.method.detector import Detector
 from hlp.method.find.detections import Detection, SearchResult, TrackedDetection, TrackingResult
 from hlp.method.find.search import MOST_INSTANCES
@@ -104,8 +105,10 @@ def predict(
     answer. A call that was stopped is continued by the same one, but for tracking. The next frames
     are decoded beside detection. Only a frame that cannot be used is lost: it is logged, and
     a line of poses.jsonl names its error. Raises DataError if there is no other, and DamagedError
-    or MissingFileError for a file of what is learnt.
+    or MissingFileError for a file of what is learnt; InputError for a name of none.
     """
+    if options.objects is not None:
+        checked_names(options.objects, detector.objects, detector.folder)
     call = _Call(detector, frames, output, options)
     request = "" if options.track else _request(detector, frames, options, masks)
     with AnswersFile(output, request) as file:
