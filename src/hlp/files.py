@@ -41,7 +41,7 @@ SWEEP = "sweep.json"
 MOST_BYTES = 512 * 1024**2
 """A larger JSON file is an error: it would fill the memory. BOP's largest have 100 MB."""
 _DEEPEST = 64  # lists and objects within each other in JSON
-_MOST_EVENTS = 5_000  # of a YAML text, whose parser takes seconds for more
+_MOST_EVENTS = 5_000  # of a YAML text, and twice the letters of a value: its parser is slow
 _UNFINISHED = re.compile(r"\..+\.\d+")
 _GROUPED = re.compile(r"[-+.]?\d[\d.]*_[-+.\d_eE]*")  # digits, which YAML takes for a number
 NO_ARRAYS = (
@@ -202,20 +202,19 @@ def parse_yaml(text: str, where: str) -> Any:
     depth = 0
     try:
         for count, event in enumerate(yaml.parse(text, yaml.SafeLoader)):
-            name = type(event).__name__
+            name, value = type(event).__name__, getattr(event, "value", "")
             depth += name.endswith("StartEvent") - name.endswith("EndEvent")
-            if depth > _DEEPEST or count > _MOST_EVENTS:
+            if depth > _DEEPEST or count > _MOST_EVENTS or len(value) > _MOST_EVENTS // 2:
                 raise DataError(f"{where} is nested too deeply or too long: no file of its kind is")
-            if name == "AliasEvent" or getattr(event, "tag", None) is not None:
-                raise DataError(f"{where} refers to itself (*name) or has tags: write the values")
-            if name == "ScalarEvent" and event.style is None and _GROUPED.fullmatch(event.value):
-                raise DataError(f"{where}: {event.value} is no number")
+            grouped = value and not event.style and _GROUPED.fullmatch(value)
+            if grouped or name == "AliasEvent" or getattr(event, "tag", None) is not None:
+                raise DataError(f"{where} has a tag, *name or 3_00: write the values out")
             if name == "DocumentEndEvent":  # `rostopic echo` ends with ---
                 break
         return next(iter(yaml.safe_load_all(text)), None)
+    except DataError:
+        raise
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        if isinstance(error, DataError):
-            raise
         raise DataError(f"{where} is not YAML: {str(error).splitlines()[0]}") from error
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hlp.data.dataset import frames_identity
-from hlp.files import MANIFEST, SCORES
+from hlp.files import MANIFEST, SCORES, remove_unfinished
 from hlp.kernels import set_compute_threads
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
@@ -49,6 +49,7 @@ def begun(
     set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)
+    remove_unfinished(output)
     name = short_name(chosen.overrides, chosen.groups, settings.name)
     data = str(run.config["data"]["name"])
     with track_run(

@@ -107,6 +107,7 @@ def predict(
     a line of poses.jsonl names its error. Raises DataError if there is no other, and DamagedError
     or MissingFileError for a file of what is learnt; InputError for a name of none.
     """
+    _ = frames.camera  # what is wrong with it is wrong with every frame
     if options.objects is not None:
         checked_names(options.objects, detector.objects, detector.folder)
     call = _Call(detector, frames, output, options)
