@@ -15,7 +15,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tokenize import TokenError
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -207,7 +207,7 @@ def parse_yaml(text: str, where: str) -> Any:
             if depth > _DEEPEST or count > _MOST_EVENTS or len(value) > _MOST_EVENTS // 2:
                 raise DataError(f"{where} is nested too deeply or too long: no file of its kind is")
             grouped = value and not event.style and _GROUPED.fullmatch(value)
-            if grouped or name == "AliasEvent" or getattr(event, "tag", None) is not None:
+            if grouped or name == "AliasEvent" or getattr(event, "tag", None):
                 raise DataError(f"{where} has a tag, *name or 3_00: write the values out")
             if name == "DocumentEndEvent":  # `rostopic echo` ends with ---
                 break
@@ -220,10 +220,9 @@ def parse_yaml(text: str, where: str) -> Any:
 
 def expanded(path: str | Path) -> Path:
     """The path with ~ expanded. Raises InputError for the home of nobody."""
-    try:
+    with suppress(RuntimeError):
         return Path(path).expanduser()
-    except RuntimeError as error:
-        raise InputError(f"{path}: there is no such user") from error
+    raise InputError(f"{path}: there is no such user")
 
 
 def _no_number(name: str) -> None:

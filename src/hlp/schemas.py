@@ -101,8 +101,6 @@ def camera_matrix(values: Any, where: str, size: tuple[int, int] | None = None) 
     rows = np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1])
     if not rows or abs(matrix[0, 1]) > SKEW * matrix[0, 0]:
         raise DataError(f"{where} is {given}: it must be fx 0 cx 0 fy cy 0 0 1, row by row")
-    if not 1 / _MOST_UNEQUAL <= matrix[0, 0] / matrix[1, 1] <= _MOST_UNEQUAL:
-        raise DataError(f"{where} is {given}: fx and fy are those of no camera, check their order")
     if size is None:
         return matrix
     width, height = size
@@ -119,6 +117,8 @@ def camera_matrix(values: Any, where: str, size: tuple[int, int] | None = None) 
                 f"{where}: {name} is {focal:.6g} px, in an image of {width}x{height} it must be "
                 f"{low:g} to {high:g}: give it in pixels"
             )
+    if not 1 / _MOST_UNEQUAL <= matrix[0, 0] / matrix[1, 1] <= _MOST_UNEQUAL:
+        raise DataError(f"{where} is {given}: fx and fy are those of no camera, check their order")
     return matrix
 
 

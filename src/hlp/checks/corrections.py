@@ -33,6 +33,7 @@ _SCORE_GAIN, _COLOR_GAIN = 0.3, 0.15  # that a change must bring; colours are a 
 _CLEAR = 0.035  # of the verification cost, which a correction raises in most healthy frames
 _ENOUGH = 3  # frames that must say the same
 _SHARE = 0.75  # of the frames that must say the same
+_LIKELY = 5.0  # agreement of the edges at a place of depth that the objects are to confirm
 _CONFIRMING = 3  # frames of a search, the first one among them
 # Of one or two frames each must say it more clearly: where the object is mostly hidden, or is no
 # such object, a pose may fit better by chance.
@@ -210,7 +211,7 @@ def check_by_search(
         return [Finding("colours", where, problem, "OpenCV reads blue first: write RGB")]
     if stated >= _FOUND:
         return []
-    place = find_registration(frames, whole=True)
+    place = find_registration(frames, whole=True, clear=_LIKELY)
     factors = () if place is None else (1.0, *_UNITS)
     placed = tuple(Correction(depth=factor, registration=place) for factor in factors)
     changes = (placed, *_CHANGES)
@@ -221,7 +222,7 @@ def check_by_search(
     alike_first = [change.frame for change in sorted(alike, key=lambda change: change != best)]
     if scores[best] >= max(certain, stated + _SCORE_GAIN) and confirmed(alike_first):
         return best.findings(where, gain(scores[best]), unit, frame)
-    return [] if place is None else [place.finding(frame)]
+    return []
 
 
 def _swapped(frame: Frame) -> Frame:

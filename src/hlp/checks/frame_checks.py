@@ -109,7 +109,7 @@ _GAP = 8  # px: sensors miss depth next to edges
 _JUMP = 0.03  # of the depth, and as many centimetres as below
 _LEAST_JUMP = 0.01  # m
 _INSIDE = 0.4  # of the most edge pixels that lie in the colour image
-_CLEAR = 7.0  # agreement of the best place, in deviations of that of all places
+CLEAR = 8.0  # agreement of the best place, in deviations of that of all places
 _REGISTERED = 0.5  # share of it that there is at the image's own place where that is right
 _NEAR = 4  # px: so small a shift is that of registered images
 _TOLERATED = 6  # px; cameras that claim to be registered are up to 5 off
@@ -172,7 +172,9 @@ def check_registration(frames: Sequence[Frame], whole: bool = False) -> list[Fin
     return [] if found is None else [found.finding(frames[0])]
 
 
-def find_registration(frames: Sequence[Frame], whole: bool = False) -> Registration | None:
+def find_registration(
+    frames: Sequence[Frame], whole: bool = False, clear: float = CLEAR
+) -> Registration | None:
     """Where depth lies in the colour images, by the edges of both; None if at its own place.
 
     Only shifts of 6 to 16 px are tried, or the `whole` of offsets, scales and turns: 0.7 s a frame.
@@ -181,12 +183,15 @@ def find_registration(frames: Sequence[Frame], whole: bool = False) -> Registrat
     if not edges:
         return None
     if not whole:
-        return _best_place(edges, (1.0,), (0.0,), 16)
-    found = _best_place(edges, _SCALES, _TURNS, _REACH)
+        return _best_place(edges, (1.0,), (0.0,), 16, clear)
+    found = _best_place(edges, _SCALES, _TURNS, _REACH, clear)
     if found is None:
         return None
     scales = [found.scale * scale for scale in _FINER[0]]
-    return _best_place(edges, scales, [found.turn + turn for turn in _FINER[1]], _REACH) or found
+    return (
+        _best_place(edges, scales, [found.turn + turn for turn in _FINER[1]], _REACH, clear)
+        or found
+    )
 
 
 @dataclass(frozen=True)
@@ -237,7 +242,11 @@ class _Edges:
 
 
 def _best_place(
-    edges: Sequence[_Edges], scales: Sequence[float], turns: Sequence[float], reach: int
+    edges: Sequence[_Edges],
+    scales: Sequence[float],
+    turns: Sequence[float],
+    reach: int,
+    clear: float,
 ) -> Registration | None:
     """Where depth lies of those places; None if that is its own place, or no place is clear."""
     places = [Registration(scale, turn) for scale in scales for turn in turns]
@@ -247,13 +256,13 @@ def _best_place(
     }
     values = np.stack([*agreements.values()])
     middle = np.median(values)
-    clear = _CLEAR * 1.4826 * np.median(np.abs(values - middle))
+    least = clear * 1.4826 * np.median(np.abs(values - middle))
     center, near = _REACH // _CELL, _NEAR // _CELL
     within, around = (slice(center - n, center + n + 1) for n in (reach // _CELL, near))
     best = max(places, key=lambda place: agreements[place][within, within].max())
     found = agreements[best][within, within]
     gain = found.max() - middle
-    if gain < clear or agreements[own][around, around].max() - middle > _REGISTERED * gain:
+    if gain < least or agreements[own][around, around].max() - middle > _REGISTERED * gain:
         return None
     down, right = np.unravel_index(int(found.argmax()), found.shape)
     shift = (_CELL * int(cells) - reach for cells in (right, down))

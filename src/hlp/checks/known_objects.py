@@ -1,9 +1,9 @@
 """What known objects, found in some frames, tell of faults of these frames.
 
 At each pose whose shape fits, the object's colours are compared with the image's: with red and blue
-as they are and exchanged, and moved by every one of some shifts. Depth and focal lengths are judged
-by `hlp.checks.corrections`. Three frames must show a fault; one or two, more clearly. `FaultWatch`
-does so for the first frames of `hlp predict`.
+as they are and exchanged. Depth and focal lengths are judged by `hlp.checks.corrections`. Three
+frames must show a fault; one or two, more clearly. `FaultWatch` does so for the first frames of
+`hlp predict`.
 """
 
 import logging
@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from hlp.arrays import Pose
 from hlp.checks import Finding, counted
@@ -36,19 +35,14 @@ _SHARE = 0.75  # of the frames that must say the same
 # Red and blue exchanged: difference of both correlations. Objects of nearly no colour have one of
 # about 0 either way, objects of much colour above 1.
 _EXCHANGED, _EXCHANGED_ALONE = 0.4, 0.8
-_SHIFTS = (-10, -5, 0, 5, 10)  # px, in both directions
-_CERTAIN = 0.8  # score: at a wrong pose some shift always agrees better
-_SHIFT_GAIN, _SHIFT_GAIN_ALONE = 0.04, 0.05  # correlation that the best shift must bring
-_TOLERATED, _TOLERATED_ALONE = 6.0, 8.0  # px; cameras that claim to be registered are up to 5 off
 
 
 class Evidence:
-    """Order and shift of colours, unit of depth, focal lengths: a quarter of a second a frame."""
+    """Order of colours, unit of depth, focal lengths: a quarter of a second a frame."""
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
         self._exchanges: list[float | None] = []
-        self._shifts: list[Float[np.ndarray, "s s"] | None] = []
         self._fits: list[dict[Correction, float]] = []
 
     def add(self, frame: Frame, answers: Sequence[Detection]) -> None:
@@ -57,16 +51,11 @@ class Evidence:
         fitting = colored_answers(models, answers)
         placed = [(models[answer.object], answer.pose_cam_obj) for answer in fitting]
         self._exchanges.append(exchange_gain(frame, placed))
-        self._shifts.append(shift_agreements(frame, models, answers))
         self._fits.append(correction_gains(frame, models, answers, self._refine))
 
     def findings(self) -> list[Finding]:
         """What is wrong with these frames, one fault at most: one disturbs the signs of others."""
-        return (
-            check_color_order(self._exchanges)
-            or check_color_shift(self._shifts)
-            or check_corrections(self._fits)
-        )
+        return check_color_order(self._exchanges) or check_corrections(self._fits)
 
     def _refine(self, frame: Frame, answer: Detection) -> Detection | None:
         try:
@@ -125,50 +114,6 @@ def check_color_order(gains: Sequence[float | None]) -> list[Finding]:
     return [Finding("colours", counted(agreeing), problem, advice)]
 
 
-def shift_agreements(
-    frame: Frame, models: Mapping[str, ObjectModel], answers: Sequence[Detection]
-) -> Float[np.ndarray, "s s"] | None:
-    """How well the colours of the most certain object agree with the image's, by their shift.
-
-    Rows are shifts of depth downwards, columns to the right. None if no object with colours is
-    certain. `models` are by the names of the answers.
-    """
-    fitting = colored_answers(models, answers)
-    best = max(fitting, key=lambda answer: answer.score, default=None)
-    if best is None or best.score < _CERTAIN:
-        return None
-    seen = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
-
-    def agreement(down: int, right: int) -> float:
-        moved = replace(seen, rgb=np.roll(frame.rgb, (-down, -right), axis=(0, 1)))
-        return color_agreement(moved, models[best.object], best.pose_cam_obj).correlation
-
-    return np.array([[agreement(down, right) for right in _SHIFTS] for down in _SHIFTS])
-
-
-def check_color_shift(agreements: Sequence[Float[np.ndarray, "s s"] | None]) -> list[Finding]:
-    """Colour shifted against depth, by the `shift_agreements` of each frame."""
-    known = [agreement for agreement in agreements if agreement is not None]
-    if not known or len(known) < min(len(agreements), 2):
-        return []
-    mean = np.mean(known, axis=0)
-    row, column = np.unravel_index(int(mean.argmax()), mean.shape)
-    right, down = _SHIFTS[column], _SHIFTS[row]
-    middle = len(_SHIFTS) // 2
-    gain = mean[row, column] - mean[middle, middle]
-    few = len(known) < _ENOUGH
-    if np.hypot(right, down) < (_TOLERATED_ALONE if few else _TOLERATED):
-        return []
-    if gain < (_SHIFT_GAIN_ALONE if few else _SHIFT_GAIN):
-        return []
-    problem = (
-        f"the colours of known objects agree better when depth is moved by about ({right}, {down}) "
-        f"px (correlation higher by {gain:.2f})"
-    )
-    advice = "Register depth to colour: take the camera's aligned depth stream"
-    return [Finding("registration", counted(len(known)), problem, advice)]
-
-
 _EXAMINED = 6  # frames
 _SURE = 3  # frames before the first examination
 _logger = logging.getLogger(__name__)
@@ -212,8 +157,7 @@ class FaultWatch:
         count = len(self._frames)
         if count < _SURE:
             self._examine(0)
-        if count >= _SURE:
-            self._say(check_registration(self._frames))
+        self._say(check_registration(self._frames))
         if all(found.score < MIN_SCORE for answers in self._answers for found in answers):
             _logger.info(
                 "%s: found in none of %d frames; `hlp doctor` with the same learnt, rgb, depth, "
