@@ -107,9 +107,6 @@ def predict(
     a line of poses.jsonl names its error. Raises DataError if there is no other, and DamagedError
     or MissingFileError for a file of what is learnt; InputError for a name of none.
     """
-    _ = frames.camera  # what is wrong with it is wrong with every frame
-    if options.objects is not None:
-        checked_names(options.objects, detector.objects, detector.folder)
     call = _Call(detector, frames, output, options)
     request = "" if options.track else _request(detector, frames, options, masks)
     with AnswersFile(output, request) as file:
@@ -188,6 +185,9 @@ class _Call:
         self, detector: Detector, frames: OwnFrames, output: Path, options: PredictionOptions
     ) -> None:
         self._detector, self._frames, self._output = detector, frames, output
+        _ = frames.camera  # what is wrong with it, or a name, is wrong with every frame
+        if options.objects is not None:
+            checked_names(options.objects, detector.objects, detector.folder)
         self._search = _search(detector, options)
         keys, panels = frames.keys, options.panels
         count = int(len(keys) == 1) if panels is None else panels
