@@ -13,8 +13,20 @@ _MACHINES = {
 }  # fmt: skip
 
 
+_LONGEST = 300  # characters of a message: a file may hold, and name, anything
+
+
 class HlpError(Exception):
     """Something outside HLP's code is wrong; the message names it and says what to do."""
+
+    def __str__(self) -> str:
+        return shortened(super().__str__())
+
+
+def shortened(text: str) -> str:
+    """The beginning and the end of a message that is too long for people."""
+    kept = _LONGEST // 2 - 1
+    return text if len(text) <= _LONGEST else f"{text[:kept]}…{text[-kept:]}"
 
 
 class InputError(HlpError, ValueError):
@@ -39,6 +51,10 @@ class MissingFileError(HlpError, FileNotFoundError):
 
 class NetworkError(HlpError, ConnectionError):
     """A server cannot be reached or breaks off; the message says what is kept for the next call."""
+
+
+class WorkerError(HlpError, RuntimeError):
+    """A process that worked for this one was killed."""
 
 
 class DiskFullError(HlpError, OSError):

@@ -12,13 +12,14 @@ import os
 import re
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tokenize import TokenError
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from hlp.errors import DataError, MissingFileError
+from hlp.errors import DataError, InputError, MissingFileError
 from hlp.folders import own_files
 
 if TYPE_CHECKING:
@@ -41,7 +42,9 @@ MOST_BYTES = 512 * 1024**2
 """A larger JSON file is an error: it would fill the memory. BOP's largest have 100 MB."""
 _DEEPEST = 64  # lists and objects within each other in JSON
 _ROOM, _MOST_RATIO = 512 * 1024**2, 20  # bytes unpacked of an archive, and for each packed one
+_MOST_EVENTS = 5_000  # of a YAML text, and twice the letters of a value: its parser is slow
 _UNFINISHED = re.compile(r"\..+\.\d+")
+_GROUPED = re.compile(r"[-+.]?\d[\d.]*_[-+.\d_eE]*")  # digits, which YAML takes for a number
 NO_ARRAYS = (
     ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error,
     NotImplementedError, RuntimeError, MemoryError, SyntaxError, OverflowError, TokenError,
@@ -137,7 +140,7 @@ def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
 def parse_json(text: str, where: str) -> Any:
     """Parsed JSON of a text; see `read_json`."""
     try:
-        content = json.loads(text, object_pairs_hook=_without_doubles)
+        content = json.loads(text, object_pairs_hook=_distinct, parse_constant=_no_number)
     except RecursionError as error:
         raise _too_deep(where) from error
     except _DoubleKeyError as error:
@@ -156,12 +159,49 @@ class _DoubleKeyError(Exception):
     """A key is stated twice in one object."""
 
 
-def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise _DoubleKeyError(repr(next(name for name in names if names.count(name) > 1)))
+        (name, _), *_ = Counter(name for name, _ in pairs).most_common(1)
+        raise _DoubleKeyError(repr(name))
     return found
+
+
+def parse_yaml(text: str, where: str) -> Any:
+    """The first document of a YAML text of plain values; None where there is none.
+
+    Raises DataError for anything else: tags, *name, 3_00, what is nested too deeply or too long.
+    """
+    import yaml
+
+    depth = 0
+    try:
+        for count, event in enumerate(yaml.parse(text, yaml.SafeLoader)):
+            name, value = type(event).__name__, getattr(event, "value", "")
+            depth += name.endswith("StartEvent") - name.endswith("EndEvent")
+            if depth > _DEEPEST or count > _MOST_EVENTS or len(value) > _MOST_EVENTS // 2:
+                raise DataError(f"{where} is nested too deeply or too long: no file of its kind is")
+            grouped = value and not event.style and _GROUPED.fullmatch(value)
+            if grouped or name == "AliasEvent" or getattr(event, "tag", None):
+                raise DataError(f"{where} has a tag, *name or 3_00: write the values out")
+            if name == "DocumentEndEvent":  # `rostopic echo` ends with ---
+                break
+        return next(iter(yaml.safe_load_all(text)), None)
+    except DataError:
+        raise
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise DataError(f"{where} is not YAML: {str(error).splitlines()[0]}") from error
+
+
+def expanded(path: str | Path) -> Path:
+    """The path with ~ expanded. Raises InputError for the home of nobody."""
+    with suppress(RuntimeError):
+        return Path(path).expanduser()
+    raise InputError(f"{path}: there is no such user")
+
+
+def _no_number(name: str) -> None:
+    raise ValueError(f"{name} is no value of JSON")
 
 
 def _inner(value: Any) -> list[Any]:

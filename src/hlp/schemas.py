@@ -27,9 +27,18 @@ NEAREST, FARTHEST = 0.05, 20.0
 _FARTHEST_OBJECT = 100.0  # m
 FOCAL = (0.1, 20.0)
 """Focal lengths, in longer sides of the image."""
+_MOST_UNEQUAL = 2.0  # of both focal lengths
+_BESIDE = 3.0  # longer sides of the image that a pose may lie beside its middle
 SKEW = 0.01
 """Largest skew of a camera, in focal lengths: with more it is another matrix."""
 _BEYOND_DEPTH = 10.0  # a pose may be that many times nearer or farther than any depth
+
+
+def number(text: str) -> float:
+    """The number that a text is. Raises ValueError, also for digits in groups (3_00)."""
+    if "_" in text:
+        raise ValueError(f"{text!r} is no number")
+    return float(text)
 
 
 def require_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> None:
@@ -108,6 +117,8 @@ def camera_matrix(values: Any, where: str, size: tuple[int, int] | None = None) 
                 f"{where}: {name} is {focal:.6g} px, in an image of {width}x{height} it must be "
                 f"{low:g} to {high:g}: give it in pixels"
             )
+    if not 1 / _MOST_UNEQUAL <= matrix[0, 0] / matrix[1, 1] <= _MOST_UNEQUAL:
+        raise DataError(f"{where} is {given}: fx and fy are those of no camera, check their order")
     return matrix
 
 
@@ -121,8 +132,10 @@ def require_depths(metres: Image, where: str) -> None:
         )
 
 
-def require_near_depths(center_cam: Vector, metres: Image, where: str) -> None:
-    """A true pose lies at a distance like those that the depth image (m) has."""
+def require_near_depths(
+    center_cam: Vector, metres: Image, matrix: CameraMatrix, where: str
+) -> None:
+    """A true pose lies at a distance like those that the depth image (m) has, and near the view."""
     present = metres[metres > 0]
     depth, low, high = float(center_cam[2]), float(present.min()), float(present.max())
     if not low / _BEYOND_DEPTH <= depth <= high * _BEYOND_DEPTH:
@@ -130,9 +143,12 @@ def require_near_depths(center_cam: Vector, metres: Image, where: str) -> None:
             f"{where} places the object at {depth:.4g} m, but the depth image reaches from "
             f"{low:.4g} to {high:.4g} m: check the unit of the translations and depth_scale"
         )
+    beside = float(np.abs(center_cam[:2]).max())
+    if beside * matrix[0, 0] > _BESIDE * max(metres.shape) * depth:
+        raise DataError(f"{where} places the object {beside:.4g} m beside the view, which it is of")
 
 
-_Id = Annotated[int, Ge(0), Le(2**31 - 1)]
+Id = Annotated[int, Ge(0), Le(2**31 - 1)]
 
 
 def _flat(values: Any) -> Any:
@@ -159,7 +175,7 @@ class CameraEntry(Stored):
 class TruthEntry(Stored):
     """An annotated instance in scene_gt.json."""
 
-    obj_id: _Id
+    obj_id: Id
     cam_R_m2c: _Matrix3  # noqa: N815
     cam_t_m2c: _Vector3
 
@@ -175,9 +191,9 @@ class InfoEntry(Stored):
 class TargetRow(Stored):
     """A row of a list of targets; that of 2024 names frames alone."""
 
-    scene_id: _Id
-    im_id: _Id
-    obj_id: _Id | None = None
+    scene_id: Id
+    im_id: Id
+    obj_id: Id | None = None
     inst_count: Count = 1
 
 

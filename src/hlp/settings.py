@@ -32,7 +32,7 @@ from typing import Annotated, Any, Generic, TypeVar, Union, cast, get_args, get_
 from annotated_types import Ge, Gt, Interval
 from typing_extensions import Doc as Doc
 
-from hlp.errors import ConfigError, DataError
+from hlp.errors import ConfigError, DataError, shortened
 from hlp.files import read_json
 from hlp.value_types import A_MAPPING, ValueType, kinds_of_items, mistake_in, type_of
 
@@ -130,7 +130,7 @@ class SettingsError(ConfigError):
         self.key, self.problem = key, problem
 
     def __str__(self) -> str:
-        return f"{self.key} {self.problem}"
+        return shortened(f"{self.key} {self.problem}")
 
 
 @dataclass(frozen=True)

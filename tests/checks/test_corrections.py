@@ -6,12 +6,11 @@ import pytest
 
 from faults import exchanged, with_depth, with_matrix
 from hlp.checks.corrections import (
-    CorrectedFits,
     Correction,
-    best_score,
     check_by_search,
     check_corrections,
     correction_gains,
+    find_answers,
 )
 from hlp.errors import InputError
 from hlp.geometry import project, transform
@@ -38,6 +37,7 @@ def finder(truth, size_matters=True):
         (lambda f: with_depth(f, 10), "depth scale", "10 times"),
         (lambda f: with_depth(f, 0.1), "depth scale", "0.1 times"),
         (lambda f: with_depth(f, 0.9), "depth scale", "0.91 times"),
+        (lambda f: with_depth(f, 4), "depth scale", "units of 0.25 mm, not 1"),
         (lambda f: with_matrix(f, 0.5), "intrinsics", "0.5 times"),
         (lambda f: with_matrix(f, 1.9), "intrinsics", "1.9 times"),
         (exchanged, "colours", "red and"),
@@ -45,7 +45,7 @@ def finder(truth, size_matters=True):
 )
 def test_the_fault_that_hides_the_object_is_named(frames, plant, kind, words):
     planted, find_best = plant(frames[0]), finder(frames[0])
-    (finding,) = check_by_search([planted], find_best(planted), find_best)
+    (finding,) = check_by_search([planted], find_best(planted), find_best, 1.0)
     assert finding.kind == kind and words in finding.problem, str(finding)
 
 
@@ -82,28 +82,26 @@ def test_the_change_must_find_objects_in_the_next_frame_too(frames, fault):
 class Stub:
     """A detector with one answer, or an error, for a frame."""
 
-    objects = ("bear",)
-
     def __init__(self, models, score):
         self.models = {model.name: model for model in models.values()}
         self.score, self.asked = score, []
 
-    def search(self, rgb, depth, camera_matrix, objects, max_instances, min_score):
-        self.asked.append(objects)
+    def search(self, rgb, depth, camera_matrix, *others):
+        self.asked.append(others)
         if self.score is None:
             raise InputError("no camera has that focal length")
         return SearchResult([SimpleNamespace(score=self.score)] if self.score else [], [])
 
 
-def test_the_best_score_of_a_frame(frames, models):
+def test_the_answers_to_a_frame(frames, models):
+    names, masks = [model.name for model in models.values()], {frames[0].key: "marked"}
     stub = Stub(models, 0.7)
-    assert best_score(stub, frames[0]) == 0.7
-    assert best_score(stub, frames[0], ["can"]) == 0.7
-    assert stub.asked == [None, ["can"]]
-    assert best_score(Stub(models, 0.0), frames[0]) == 0.0
-    assert best_score(Stub(models, None), frames[0]) == 0.0
-    far = with_depth(frames[0], 100)
-    assert best_score(stub, far) == 0.0 and len(stub.asked) == 2
+    assert [found.score for found in find_answers(stub, names, masks, frames[0])] == [0.7]
+    find_answers(stub, names[:1], masks, frames[1])
+    assert stub.asked == [(names, 1, 0.0, "marked"), (names[:1], 1, 0.0, None)]
+    assert find_answers(Stub(models, None), names, {}, frames[0]) == []
+    assert find_answers(stub, names, {}, with_depth(frames[0], 100)) == []
+    assert len(stub.asked) == 2
 
 
 def answer(name, pose, cost=0.2, score=0.95):
@@ -156,29 +154,27 @@ def test_a_wrong_unit_or_focal_length_is_named(frames, models, depth, focal, kin
 
 def test_healthy_frames_have_no_finding(frames, models):
     measured = gains(frames, models)
-    assert all(len(each.gains) == 8 and max(each.gains.values()) < -0.03 for each in measured)
+    assert all(len(each) == 8 and max(each.values()) < -0.03 for each in measured)
     assert check_corrections(measured) == []
     assert check_corrections([]) == []
 
 
 def test_small_gains_and_uncertain_answers_say_nothing(frames, models):
     assert check_corrections(gains(frames, models, 0.9, cost_of_a_tenth=0.01)) == []
-    assert gains(frames, models, 0.9, score=0.7) == [CorrectedFits(False, {})] * 3
-    assert correction_gains(frames[0], {}, [], refiner(frames[0])).gains == {}
+    assert gains(frames, models, 0.9, score=0.7) == [{}] * 3
+    assert correction_gains(frames[0], {}, [], refiner(frames[0])) == {}
 
 
 def test_three_frames_must_say_so_and_fewer_more_clearly():
     deeper = Correction(depth=0.9)
 
-    def count(*found, certain=True):
-        gains = [{} if gain is None else {deeper: gain} for gain in found]
-        return len(check_corrections([CorrectedFits(certain, each) for each in gains]))
+    def count(*gains):
+        return len(check_corrections([{} if g is None else {deeper: g} for g in gains]))
 
-    assert [count(0.016), count(0.016, 0.03), count(0.016, 0.03, 0.016)] == [0, 0, 1]
-    assert [count(0.02), count(0.05, 0.02), count(0.05, None), count(0.05, 0.05, None)] == [
+    assert [count(0.04), count(0.04, 0.07), count(0.04, 0.07, 0.04)] == [0, 0, 1]
+    assert [count(0.06), count(0.07, 0.06), count(0.07, None), count(0.07, 0.07, None)] == [
         1, 1, 0, 1,
     ]  # fmt: skip
-    assert [count(0.05, certain=False), count(0.06, certain=False)] == [0, 1]
     assert [count(0.1, 0.1, -0.01, 0.1, -0.01), count(0.1, 0.1, -0.01, 0.1)] == [0, 1]
 
 
@@ -193,10 +189,9 @@ def test_a_larger_correction_is_tried_only_where_the_smaller_one_helps(frames, m
     given = answer(model.name, frames[0].targets[0].pose_cam_obj)
     found = correction_gains(frames[0], {model.name: model}, [given], refine)
     np.testing.assert_allclose(sorted(tried), [0.53, 0.67, 0.77, 1.0, 1.0, 1.33])
-    assert found.certain
-    assert found.gains[Correction(focal=2.0)] == found.gains[Correction(focal=1.33)] < 0
+    assert found[Correction(focal=2.0)] == found[Correction(focal=1.33)] < 0
     nowhere = correction_gains(frames[0], {model.name: model}, [given], lambda *_: None)
-    assert nowhere.gains == {}
+    assert nowhere == {}
 
 
 @pytest.mark.parametrize(("depth", "focal"), [(0.9, 1.0), (1.0, 1.5), (1.0, 0.53)])

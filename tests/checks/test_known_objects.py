@@ -7,14 +7,11 @@ import pytest
 
 from faults import exchanged
 from hlp.checks.known_objects import (
-    all_answers,
     check_color_order,
-    check_color_shift,
     colored_answers,
     exchange_gain,
-    shift_agreements,
 )
-from hlp.method.find.detections import Detection, Rejection, SearchResult
+from hlp.method.find.detections import Detection
 from hlp.refinement.pose_fit import PoseFit
 
 FITS = PoseFit(cost=0.2, depth_correlation=0.95, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
@@ -45,12 +42,6 @@ def answers(frame, models, fit=FITS, score=0.9, visible=0.0):
     ]  # fmt: skip
 
 
-def test_answers_that_were_not_good_enough_count_too(frames, models):
-    first, second, *_ = answers(frames[0], models)
-    found = SearchResult([first], [Rejection("a", "low", second), Rejection("b", "none", None)])
-    assert all_answers(found) == [first, second]
-
-
 def test_colours_are_compared_where_the_shape_fits(frames, models, named, grey):
     good = answers(frames[0], models)[0]
     bad = [replace(good, fit=replace(FITS, **{key: 0.7})) for key in ("depth_correlation", "slope")]
@@ -59,19 +50,22 @@ def test_colours_are_compared_where_the_shape_fits(frames, models, named, grey):
 
 
 def test_exchanged_colours_are_found_and_true_ones_are_not(frames, models, named):
-    true = [exchange_gain(item, named, answers(item, models)) for item in frames]
-    wrong = [exchange_gain(exchanged(frame), named, answers(frame, models)) for frame in frames]
+    placed = [
+        [(models[target.object_id], target.pose_cam_obj) for target in frame.targets]
+        for frame in frames
+    ]
+    true = list(map(exchange_gain, frames, placed))
+    wrong = list(map(exchange_gain, map(exchanged, frames), placed))
     np.testing.assert_allclose(true, np.negative(wrong), atol=1e-6)
     assert check_color_order(true) == []
     (finding,) = check_color_order(wrong)
     assert finding.kind == "colours" and finding.where == "3 frames"
 
 
-def test_wrong_poses_and_grey_objects_say_nothing(frames, models, named, grey):
-    wrong = replace(FITS, slope=0.5)
-    assert exchange_gain(frames[0], named, answers(frames[0], models, wrong)) is None
-    assert exchange_gain(frames[0], grey, answers(frames[0], models)) is None
-    assert exchange_gain(frames[0], named, []) is None
+def test_grey_objects_say_nothing(frames, grey):
+    pose = frames[0].targets[0].pose_cam_obj
+    assert exchange_gain(frames[0], [(model, pose) for model in grey.values()]) is None
+    assert exchange_gain(frames[0], []) is None
 
 
 @pytest.mark.parametrize(
@@ -83,48 +77,3 @@ def test_wrong_poses_and_grey_objects_say_nothing(frames, models, named, grey):
 )  # fmt: skip
 def test_three_frames_must_say_so_clearly_and_fewer_more_clearly(gains, count):
     assert len(check_color_order(gains)) == count
-
-
-def shifted(frame, right, down):
-    """The frame with its colours moved, as if depth had been moved the other way."""
-    return replace(frame, rgb=np.roll(frame.rgb, (down, right), axis=(0, 1)))
-
-
-@pytest.mark.parametrize(("right", "down"), [(10, 0), (-10, 0), (0, 10), (5, -10)])
-def test_a_shift_is_named(frames, models, named, right, down):
-    found = [
-        shift_agreements(shifted(frame, right, down), named, answers(frame, models, visible=0.7))
-        for frame in frames
-    ]
-    (finding,) = check_color_shift(found)
-    assert finding.kind == "registration" and finding.where == "3 frames"
-    assert f"by about ({right}, {down}) px" in finding.problem
-
-
-def test_registered_images_have_no_finding(frames, models, named):
-    found = [
-        shift_agreements(frame, named, answers(frame, models, visible=0.7)) for frame in frames
-    ]
-    assert all(item.shape == (5, 5) and item.argmax() == 12 for item in found)
-    assert check_color_shift(found) == []
-    assert check_color_shift([]) == []
-
-
-def test_few_frames_small_gains_and_uncertain_answers_say_nothing(frames, models, named):
-    one = np.full((5, 5), 0.5)
-    far, near = one.copy(), one.copy()
-    far[0, 0], near[2, 3] = 0.545, 0.9
-    diagonal = one.copy()
-    diagonal[1, 1] = 0.9
-    assert check_color_shift([far] * 2) == check_color_shift([far]) == []
-    assert [item.where for item in check_color_shift([far + 2 * (far - one)])] == [
-        "this frame alone"
-    ]
-    assert check_color_shift([far + 2 * (far - one), None]) == []
-    assert check_color_shift([diagonal]) == []
-    assert len(check_color_shift([diagonal] * 3)) == 1
-    assert len(check_color_shift([far] * 3)) == 1
-    assert check_color_shift([near] * 3) == []  # 5 px: cameras are that far off
-    assert check_color_shift([far, one, one, one]) == []
-    assert shift_agreements(frames[0], named, answers(frames[0], models, score=0.75)) is None
-    assert shift_agreements(frames[0], named, []) is None

@@ -4,9 +4,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from faults import with_depth, with_matrix
+from faults import exchanged, with_depth, with_matrix
 from hlp.checks import true_poses
-from hlp.checks.true_poses import FAULTS, Sample, agreement, check_true_poses
+from hlp.checks.true_poses import (
+    FAULTS,
+    Sample,
+    agreement,
+    check_true_colors,
+    check_true_poses,
+)
 
 
 def _with_poses(frame, change):
@@ -28,6 +34,12 @@ def _scaled(pose, factor):
     return moved
 
 
+def _moved(pose, axis, metres):
+    moved = pose.copy()
+    moved[axis, 3] += metres
+    return moved
+
+
 PLANTED = {
     "depth x10": (lambda f: with_depth(f, 10), "depth scale", "10 times"),
     "depth x0.9": (lambda f: with_depth(f, 0.9), "depth scale", "0.9"),
@@ -45,6 +57,13 @@ PLANTED = {
     ),
     "poses in metres": (
         lambda f: _with_poses(f, lambda p: _scaled(p, 0.001)), "pose unit", "0.001",
+    ),
+    "depth x0.95": (lambda f: with_depth(f, 0.95), "depth scale", "0.95"),
+    "poses 30 mm too far": (
+        lambda f: _with_poses(f, lambda p: _moved(p, 2, 0.03)), "poses", "30 mm too far",
+    ),
+    "poses 30 mm beside": (
+        lambda f: _with_poses(f, lambda p: _moved(p, 0, 0.03)), "poses", "px beside",
     ),
     "depth shifted": (
         lambda f: replace(f, depth=np.roll(f.depth, 20, axis=1)), "registration", r"\(20, 0\)",
@@ -113,3 +132,8 @@ def test_a_tiny_mesh_that_fits_anywhere_explains_no_half_agreement(
     monkeypatch.setattr(true_poses, "agreement", share)
     (finding,) = check_true_poses(frames, models)
     assert finding.kind == kind, str(finding)
+
+
+def test_exchanged_colours_are_told_by_true_poses(frames, models):
+    (finding,) = check_true_colors([exchanged(frame) for frame in frames], models)
+    assert finding.kind == "colours" and check_true_colors(frames, models) == []

@@ -62,9 +62,9 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
         (["objects", "lst"], "cannot use 'lst': did you mean list? see `hlp objects --help`"),
         (
             ["objects", "export", "a"],
-            "cannot use 'export a': see `hlp objects export NAME|RUN FOLDER`",
+            "FOLDER is missing: `hlp objects export NAME|RUN FOLDER`",
         ),
-        (["objects", "show"], "cannot use 'show': see `hlp objects show NAME|FOLDER`"),
+        (["objects", "show"], "NAME|FOLDER is missing: `hlp objects show NAME|FOLDER`"),
         (["report", "experimnt=demo"], "experimnt is not a key of `hlp report`: did you mean exp"),
         (
             ["notebooks", "folder=here"],

@@ -79,6 +79,8 @@ CASES = {
     "ragged mask": (mask([[True], [False, True]]), "mask is not an array"),
     "pose: NaN": (pose(np.full((4, 4), np.nan)), "pose_cam_obj must be 4 × 4 finite"),
     "transposed pose": (pose([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]]), "last row"),
+    "pose in mm": (pose([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 917], [0, 0, 0, 1]]), "is 917 m"),
+    "absurd pose": (pose([[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]]), "1e+300"),
     "scaled pose": (pose(np.diag([2.0, 2.0, 2.0, 1.0])), "is not a rotation: its rows"),
     "names: a number": (names(5), "objects is 5: give a list"),
     "names: lists": (names([["bear"]]), "objects: ['bear'] not learnt; learnt has bear"),

@@ -73,6 +73,10 @@ TURN, SHIFT = "1 0 0 0 1 0 0 0 1", "0 0 800"
         (HEADER + f"6,0,1,0.5,{TURN},{SHIFT},1\n6,0,1,0.5,{TURN}\n", "line 3: no pose"),
         (HEADER + f"6,0,1,0.5,{TURN},0 nan 800,1\n", "line 2: NaN"),
         (HEADER + f"6,0,1,0.5,2 0 0 0 1 0 0 0 1,{SHIFT},1\n", "line 2: R is not a rotation"),
+        (HEADER + f"6,0,1,0.5,1 0 0 0 1 0 0 0 -1,{SHIFT},1\n", "a reflection"),
+        (HEADER + f"6,0,1,0.5,{TURN},{SHIFT},nan\n", "line 2: NaN"),
+        (HEADER + f"6,-1,1,0.5,{TURN},{SHIFT},1\n", "'-1' is not an id"),
+        (HEADER + f"6,0,1,0_5,{TURN},{SHIFT},1\n", "'0_5' is no number"),
     ],
 )
 def test_a_broken_file_is_an_error_that_names_the_line(tmp_path, content, message):
@@ -181,16 +185,17 @@ ANY_ESTIMATES = st.lists(
     ),
     max_size=5,
 )
-NUMBERS = st.floats(-1e100, 1e100) | st.sampled_from([float("nan"), float("inf")])
+SIZES = st.floats(0.0, 1e100) | st.just(float("inf"))
+SHARES = st.floats(0.0, 1.0) | st.just(float("nan"))
 SCORES = st.lists(
     st.builds(
         TargetScore,
         *(IDS, IDS, st.integers(0, 3), st.booleans()),
-        *(NUMBERS,) * 5,
+        *(SHARES, SIZES, SIZES, SIZES, SHARES),
         *(st.booleans(),) * 3,
-        *(NUMBERS,) * 3,
+        *(SHARES,) * 3,
         texts(),
-        NUMBERS,
+        SHARES,
         st.booleans(),
     ),
     max_size=4,

@@ -1,24 +1,22 @@
 """What known objects, found in some frames, tell of faults of these frames.
 
 At each pose whose shape fits, the object's colours are compared with the image's: with red and blue
-as they are and exchanged, and moved by every one of some shifts. Depth and focal lengths are judged
-by `hlp.checks.corrections`. Three frames must show a fault; one or two, more clearly. `FaultWatch`
-does so for the first frames of `hlp predict`.
+as they are and exchanged. Depth and focal lengths are judged by `hlp.checks.corrections`. Three
+frames must show a fault; one or two, more clearly. `FaultWatch` does so for the first frames of
+`hlp predict`.
 """
 
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 
+from hlp.arrays import Pose
 from hlp.checks import Finding, counted
 from hlp.checks.corrections import (
-    CorrectedFits,
-    best_score,
-    check_by_search,
+    Correction,
+    all_answers,
     check_corrections,
     correction_gains,
 )
@@ -37,35 +35,27 @@ _SHARE = 0.75  # of the frames that must say the same
 # Red and blue exchanged: difference of both correlations. Objects of nearly no colour have one of
 # about 0 either way, objects of much colour above 1.
 _EXCHANGED, _EXCHANGED_ALONE = 0.4, 0.8
-_SHIFTS = (-10, -5, 0, 5, 10)  # px, in both directions
-_CERTAIN = 0.8  # score: at a wrong pose some shift always agrees better
-_SHIFT_GAIN, _SHIFT_GAIN_ALONE = 0.04, 0.05  # correlation that the best shift must bring
-_TOLERATED, _TOLERATED_ALONE = 6.0, 8.0  # px; cameras that claim to be registered are up to 5 off
 
 
 class Evidence:
-    """Order and shift of colours, unit of depth, focal lengths: a quarter of a second a frame."""
+    """Order of colours, unit of depth, focal lengths: a quarter of a second a frame."""
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
         self._exchanges: list[float | None] = []
-        self._shifts: list[Float[np.ndarray, "s s"] | None] = []
-        self._fits: list[CorrectedFits] = []
+        self._fits: list[dict[Correction, float]] = []
 
     def add(self, frame: Frame, answers: Sequence[Detection]) -> None:
         """Take in a frame and the answers to it, whatever their score."""
         models = self._detector.models
-        self._exchanges.append(exchange_gain(frame, models, answers))
-        self._shifts.append(shift_agreements(frame, models, answers))
+        fitting = colored_answers(models, answers)
+        placed = [(models[answer.object], answer.pose_cam_obj) for answer in fitting]
+        self._exchanges.append(exchange_gain(frame, placed))
         self._fits.append(correction_gains(frame, models, answers, self._refine))
 
     def findings(self) -> list[Finding]:
         """What is wrong with these frames, one fault at most: one disturbs the signs of others."""
-        return (
-            check_color_order(self._exchanges)
-            or check_color_shift(self._shifts)
-            or check_corrections(self._fits)
-        )
+        return check_color_order(self._exchanges) or check_corrections(self._fits)
 
     def _refine(self, frame: Frame, answer: Detection) -> Detection | None:
         try:
@@ -74,12 +64,6 @@ class Evidence:
             )
         except InputError:  # a correction that makes no sense for this frame
             return None
-
-
-def all_answers(found: SearchResult | TrackingResult) -> list[Detection]:
-    """Detections and what was not good enough: a fault of the frame lowers the score."""
-    rejected = [rejection.answer for rejection in found.rejections if rejection.answer]
-    return [*found.detections, *rejected]
 
 
 def colored_answers(
@@ -94,25 +78,20 @@ def colored_answers(
     ]
 
 
-def exchange_gain(
-    frame: Frame, models: Mapping[str, ObjectModel], answers: Sequence[Detection]
-) -> float | None:
-    """How much better the colours of known objects agree with red and blue exchanged.
+def exchange_gain(frame: Frame, placed: Sequence[tuple[ObjectModel, Pose]]) -> float | None:
+    """How much better the colours of objects agree with red and blue exchanged.
 
-    The mean difference of the correlations at the poses whose shape fits; None if there is no such
-    pose of an object with colours. `models` are by the names of the answers.
+    The mean difference of the correlations at the poses of those with colours; None if none has.
     """
-    fitting = colored_answers(models, answers)
-    if not fitting:
-        return None
     stated = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
     exchanged = replace(stated, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
     gains = [
-        color_agreement(exchanged, models[answer.object], answer.pose_cam_obj).correlation
-        - color_agreement(stated, models[answer.object], answer.pose_cam_obj).correlation
-        for answer in fitting
+        color_agreement(exchanged, model, pose).correlation
+        - color_agreement(stated, model, pose).correlation
+        for model, pose in placed
+        if model.mesh.colored
     ]
-    return float(np.mean(gains))
+    return float(np.mean(gains)) if gains else None
 
 
 def check_color_order(gains: Sequence[float | None]) -> list[Finding]:
@@ -135,52 +114,8 @@ def check_color_order(gains: Sequence[float | None]) -> list[Finding]:
     return [Finding("colours", counted(agreeing), problem, advice)]
 
 
-def shift_agreements(
-    frame: Frame, models: Mapping[str, ObjectModel], answers: Sequence[Detection]
-) -> Float[np.ndarray, "s s"] | None:
-    """How well the colours of the most certain object agree with the image's, by their shift.
-
-    Rows are shifts of depth downwards, columns to the right. None if no object with colours is
-    certain. `models` are by the names of the answers.
-    """
-    fitting = colored_answers(models, answers)
-    best = max(fitting, key=lambda answer: answer.score, default=None)
-    if best is None or best.score < _CERTAIN:
-        return None
-    seen = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
-
-    def agreement(down: int, right: int) -> float:
-        moved = replace(seen, rgb=np.roll(frame.rgb, (-down, -right), axis=(0, 1)))
-        return color_agreement(moved, models[best.object], best.pose_cam_obj).correlation
-
-    return np.array([[agreement(down, right) for right in _SHIFTS] for down in _SHIFTS])
-
-
-def check_color_shift(agreements: Sequence[Float[np.ndarray, "s s"] | None]) -> list[Finding]:
-    """Colour shifted against depth, by the `shift_agreements` of each frame."""
-    known = [agreement for agreement in agreements if agreement is not None]
-    if not known or len(known) < min(len(agreements), 2):
-        return []
-    mean = np.mean(known, axis=0)
-    row, column = np.unravel_index(int(mean.argmax()), mean.shape)
-    right, down = _SHIFTS[column], _SHIFTS[row]
-    middle = len(_SHIFTS) // 2
-    gain = mean[row, column] - mean[middle, middle]
-    few = len(known) < _ENOUGH
-    if np.hypot(right, down) < (_TOLERATED_ALONE if few else _TOLERATED):
-        return []
-    if gain < (_SHIFT_GAIN_ALONE if few else _SHIFT_GAIN):
-        return []
-    problem = (
-        f"the colours of known objects agree better when depth is moved by about ({right}, {down}) "
-        f"px (correlation higher by {gain:.2f})"
-    )
-    advice = "Register depth to colour: take the camera's aligned depth stream"
-    return [Finding("registration", counted(len(known)), problem, advice)]
-
-
 _EXAMINED = 6  # frames
-_SURE = 3  # frames before the first examination, and without answers before the search
+_SURE = 3  # frames before the first examination
 _logger = logging.getLogger(__name__)
 
 
@@ -189,7 +124,7 @@ class FaultWatch:
 
     Says one fault at most. Units and intrinsics are looked at in the first frame, what needs known
     objects in the first six; one or two frames must show it more clearly. Where none is found in
-    them, one frame is searched with other units, focal lengths and colours.
+    them, it says so: the reason is looked for by `hlp doctor`, which takes longer.
     """
 
     def __init__(self, detector: Detector, objects: Sequence[str] | None) -> None:
@@ -222,17 +157,13 @@ class FaultWatch:
         count = len(self._frames)
         if count < _SURE:
             self._examine(0)
-        scores = [max((found.score for found in answers), default=0.0) for answers in self._answers]
-        missed = [place for place, score in enumerate(scores) if score < MIN_SCORE]
-        if not self._done and len(missed) >= max(min(_SURE, count), (count + 1) // 2):
-            missed.sort(key=lambda place: -scores[place])
-            self._search(missed, scores[missed[0]])
-        if count >= _SURE:
-            self._say(check_registration(self._frames))
-        if not self._done and len(missed) == count:
+        self._say(check_registration(self._frames))
+        if all(found.score < MIN_SCORE for answers in self._answers for found in answers):
             _logger.info(
-                "nothing was found; `hlp doctor` with the same learnt, rgb, depth and intrinsics "
-                "looks for the reason"
+                "%s: found in none of %d frames; `hlp doctor` with the same learnt, rgb, depth, "
+                "intrinsics, mask and box looks for the reason",
+                ", ".join(self._names),
+                count,
             )
         self._done = True
         self._frames.clear()
@@ -241,17 +172,6 @@ class FaultWatch:
         for frame, answers in zip(self._frames[first:], self._answers[first:], strict=True):
             self._evidence.add(frame, answers)
         self._say(self._evidence.findings())
-
-    def _search(self, missed: Sequence[int], stated: float) -> None:
-        """What change of frames lets the object be found that fits the first of them best."""
-        best = max(self._answers[missed[0]], key=lambda found: found.score, default=None)
-        name = self._names[0] if best is None else best.object
-        where = "in most frames" if len(self._frames) > 1 else "in this frame"
-        _logger.info(
-            "%s is not found %s: trying other units, focal lengths and colours", name, where
-        )
-        find = partial(best_score, self._detector, objects=[name])
-        self._say(check_by_search([self._frames[place] for place in missed], stated, find))
 
     def _say(self, findings: Sequence[Finding]) -> None:
         if not self._done:

@@ -6,11 +6,14 @@ poses agree with the depth images is named.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from hlp.arrays import Pose
 from hlp.checks import Finding
+from hlp.checks.frame_checks import find_registration
+from hlp.checks.known_objects import check_color_order, exchange_gain
 from hlp.geometry import inverse, rigid
 from hlp.records import Frame, ObjectModel
 from hlp.rendering.rasterizer import render_depth
@@ -21,10 +24,13 @@ _CLEARLY_FITS = 0.9  # then no fault is looked for
 _GAIN = 0.25  # that undoing a fault must bring
 _ENOUGH = 50  # px of an object
 _MOST_TARGETS = 6
-_SCALES = (0.1, 0.5, 0.9, 1.1, 2.0, 10.0)
+_SCALES = (0.1, 0.125, 0.25, 0.5, 0.9, 0.95, 1.05, 1.1, 2.0, 4.0, 8.0, 10.0)
 _FOCALS = (0.5, 0.67, 0.75, 0.8, 0.9, 1.1, 1.25, 1.33, 1.5, 1.9, 2.0)
-_SHIFTS = (-20, -10, -5, 5, 10, 20)  # px
+_SHIFTS = (-40, -30, -20, -10, -5, 5, 10, 20, 30, 40)  # px
+_FARTHER = (-0.1, -0.06, -0.03, -0.015, 0.015, 0.03, 0.06, 0.1)  # m
+_ALIKE = 0.05  # of the agreement: either fault may be it
 _HARDLY = 0.3  # agreement of objects of a wrong size
+_MEND_POSES = "Correct the translations, or where the meshes have their origin"
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera to OpenCV's
 
 
@@ -72,6 +78,12 @@ class Fault:
         return Sample(replace(sample.frame, depth=depth, camera_matrix=matrix), model, pose)
 
 
+def _moved(metres: float, pose: Pose) -> Pose:
+    """The pose farther away by so much."""
+    center = pose[:3, 3]
+    return rigid(pose[:3, :3], center * (1.0 + metres / np.linalg.norm(center)))
+
+
 def _transposed(pose: Pose) -> Pose:
     return rigid(pose[:3, :3].T, pose[:3, 3])
 
@@ -87,6 +99,9 @@ def _faults() -> Iterator[Fault]:
     for factor in _SCALES:
         words = f"depth is {1 / factor:.3g} times what it should be"
         yield Fault("depth scale", words, "Correct depth_scale", depth=factor)
+    for metres in _FARTHER:
+        words = f"true poses are {1000 * abs(metres):.0f} mm too {'near' if metres > 0 else 'far'}"
+        yield Fault("poses", words, _MEND_POSES, change=partial(_moved, metres))
     for factor in (0.01, 0.1, 10.0, 100.0, 1000.0):
         words = f"translations are {1 / factor:.3g} times what they should be"
         yield Fault("pose unit", words, "Write millimetres", translation=factor)
@@ -112,13 +127,7 @@ FAULTS = tuple(_faults())
 
 def check_true_poses(frames: Sequence[Frame], models: Mapping[int, ObjectModel]) -> list[Finding]:
     """The fault after whose removal the poses fit, or that they fit nowhere."""
-    samples = [
-        Sample(frame, models[target.object_id], target.pose_cam_obj)
-        for frame in frames
-        for target in frame.targets
-        if target.object_id in models
-        and not target.visible_fraction < 0.6  # nan where it is not stated
-    ][:_MOST_TARGETS]
+    samples = _samples(frames, models)[:_MOST_TARGETS]
     if not samples:
         return []
     stated = agreement(samples)
@@ -130,13 +139,39 @@ def check_true_poses(frames: Sequence[Frame], models: Mapping[int, ObjectModel])
     where = f"{len(samples)} targets"
     seen = f"{100 * stated:.0f} % of the objects' pixels agree with the depth"
     if shares[best] >= stated + _GAIN:
-        problem = f"{possible[best].problem}: {seen}, {100 * shares[best]:.0f} % without"
-        return [Finding(possible[best].kind, where, problem, possible[best].advice)]
+        fault = possible[best]
+        if fault.kind == "registration" and find_registration(frames, whole=True) is None:
+            beside = f"true poses lie about {fault.shift} px beside the objects"
+            fault = replace(fault, kind="poses", problem=beside, advice=_MEND_POSES)
+        words = [fault.problem]
+        for other, share in zip(possible, shares, strict=True):
+            either = {other.kind, fault.kind} == {"poses", "depth scale"}  # as of one distance
+            if either and len(words) == 1 and share >= shares[best] - _ALIKE:
+                words.append(other.problem)
+        problem = f"{' or '.join(words)}: {seen}, {100 * shares[best]:.0f} % without"
+        return [Finding(fault.kind, where, problem, fault.advice)]
     if stated >= _FITS:
         return []
     problem = f"{seen}, and no single known fault explains it"
     advice = "Look at the overlay: are poses, meshes and images of one data set?"
     return [Finding("poses", where, problem, advice)]
+
+
+def _samples(frames: Sequence[Frame], models: Mapping[int, ObjectModel]) -> list[Sample]:
+    """The targets that are well visible."""
+    return [
+        Sample(frame, models[target.object_id], target.pose_cam_obj)
+        for frame in frames
+        for target in frame.targets
+        if target.object_id in models
+        and not target.visible_fraction < 0.6  # nan where it is not stated
+    ]
+
+
+def check_true_colors(frames: Sequence[Frame], models: Mapping[int, ObjectModel]) -> list[Finding]:
+    """Red and blue exchanged: the colours of objects at their true poses agree better then."""
+    placed = [[(each.model, each.pose) for each in _samples([frame], models)] for frame in frames]
+    return check_color_order(list(map(exchange_gain, frames, placed)))
 
 
 def agreement(samples: Sequence[Sample]) -> float:

@@ -10,10 +10,14 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hlp.errors import InputError
+from hlp.files import expanded
 from hlp.settings import read_settings
+
+if TYPE_CHECKING:
+    from hlp.data.own_frames import SearchMasks
 
 T = TypeVar("T")
 
@@ -109,7 +113,13 @@ def of_single(
 
 def plain_value(text: str) -> Any:
     """A number, list, true, false or null; anything else is text: a path, with ~ expanded."""
-    text = text.strip()
+    try:
+        return _plain_value(text.strip())
+    except RecursionError as error:
+        raise InputError(f"{text} is nested too deeply") from error
+
+
+def _plain_value(text: str) -> Any:
     if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"":
         return text[1:-1]
     try:
@@ -118,14 +128,14 @@ def plain_value(text: str) -> Any:
         if re.fullmatch(r"[-+]?(\d+\.|\.\d+)([eE][-+]?\d+)?", text):  # .9 and 9., no JSON
             return float(text)
     if text.startswith("[") and text.endswith("]"):
-        return [plain_value(part) for part in text[1:-1].split(",") if part.strip()]
-    return str(Path(text).expanduser()) if text.startswith("~") else text
+        return [_plain_value(part.strip()) for part in text[1:-1].split(",") if part.strip()]
+    return str(expanded(text)) if text.startswith("~") else text
 
 
 def text_list(text: str) -> list[str]:
     """Names or paths separated by commas, with or without brackets; one path may hold commas."""
-    if Path(text).expanduser().exists():
-        return [str(Path(text).expanduser())]
+    if (path := expanded(text)).exists():
+        return [str(path)]
     return [str(value) for value in plain_value(text if text.startswith("[") else f"[{text}]")]
 
 
@@ -137,6 +147,22 @@ def names_of_objects(given: dict[str, str]) -> list[str] | None:
     if not names:
         raise InputError("objects names none: leave it out to look for all of them")
     return names
+
+
+def search_masks(given: Mapping[str, str]) -> "SearchMasks | None":
+    """Where `mask` or `box` say that objects are; None without. Raises InputError."""
+    from hlp.data.own_frames import SearchMasks  # OpenCV: not for what only shows settings
+
+    if "mask" not in given and "box" not in given:
+        return None
+    if "mask" in given and "box" in given:
+        raise InputError("mask and box: give one of them")
+    if "mask" in given:
+        return SearchMasks(masks=str(plain_value(given["mask"])))
+    box = plain_value(given["box"] if "[" in given["box"] else f"[{given['box']}]")
+    if len(box) != 4 or not all(type(side) in (int, float) and abs(side) < 1e9 for side in box):
+        raise InputError(f"box={given['box']}: it must be [x,y,width,height] in pixels")
+    return SearchMasks(box=cast("tuple[float, float, float, float]", tuple(map(float, box))))
 
 
 def whole_number(given: Mapping[str, str], key: str, most: int = 1024) -> int | None:
@@ -151,7 +177,7 @@ def whole_number(given: Mapping[str, str], key: str, most: int = 1024) -> int | 
 
 def path_of(given: Mapping[str, str], key: str, default: str | Path) -> Path:
     """The path of a key, with ~ expanded."""
-    return Path(given.get(key, default)).expanduser()
+    return expanded(given.get(key, default))
 
 
 def tracking_uri(work: str = "work") -> str:

@@ -46,7 +46,7 @@ def complete(arguments: Sequence[str], commands: Sequence[str]) -> None:
         # In the form for fish, Hydra's words stand one below the other, as zsh wants them too.
         _ask_hydra([option, action.replace("zsh", "fish")])
     else:
-        known = [*commands, "-m"] if len(words) < 2 else _own_keys(words[0], commands)
+        known = [*commands, "-m"] if len(words) < 2 else _own_words(words[0], commands)
         fitting = [word for word in known if word.startswith(words[-1] if words else "")]
         print((" " if action == "query=bash" else "\n").join(fitting))
 
@@ -57,7 +57,11 @@ def _ask_hydra(arguments: Sequence[str]) -> None:
     composing.compose_and_call("", arguments, lambda config: None)
 
 
-def _own_keys(name: str, commands: Sequence[str]) -> list[str]:
-    """The keys that the help of a command names."""
-    found = re.findall(r"\b([a-z][a-z_]*)=", help_text(name) if name in commands else "")
-    return [f"{key}=" for key in dict.fromkeys(found)]
+def _own_words(name: str, commands: Sequence[str]) -> list[str]:
+    """The words that the help of a command says it takes, then the keys that it names."""
+    text = help_text(name) if name in commands else ""
+    words = re.findall(rf"^(?:usage:)? +hlp {name} ([a-z]+)\b(?!=)", text, re.MULTILINE)
+    if name == "download":
+        words = re.findall(r"^  ([a-z]\w*) +\S+: ", text, re.MULTILINE)
+    found = re.findall(r"\b([a-z][a-z_]*)=", text)
+    return [*dict.fromkeys(words), *(f"{key}=" for key in dict.fromkeys(found))]

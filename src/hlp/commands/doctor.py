@@ -4,27 +4,30 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
+from hlp.arrays import Mask
 from hlp.checks import Finding, frame_checks
-from hlp.checks.corrections import best_score, check_by_search
-from hlp.checks.frame_checks import check_frames, read_frames
-from hlp.checks.known_objects import Evidence, all_answers
-from hlp.checks.true_poses import check_true_poses
+from hlp.checks.corrections import check_by_search, find_answers
+from hlp.checks.frame_checks import check_frames
+from hlp.checks.known_objects import Evidence
+from hlp.checks.true_poses import check_true_colors, check_true_poses
 from hlp.commands import arguments as own
 from hlp.data.bop import BopFrames, BopSettings
 from hlp.data.dataset import Dataset
 from hlp.data.frame_paths import with_frames
-from hlp.data.own_frames import FrameFiles, OwnFrames
+from hlp.data.own_frames import FrameFiles, OwnFrames, SearchMasks
 from hlp.errors import HlpError
+from hlp.files import expanded
 from hlp.method.detector import Detector
 from hlp.records import Frame
+from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.figures.panels import draw_detections, write_picture
 from hlp.runs.learnt_cache import cache_folder, find_learnt
 
@@ -86,12 +89,56 @@ def describe_machine() -> list[str]:
     ]
 
 
+_SHOWN = 3  # findings of one kind
+_ADVICE = {"files": "Copy or download it again", "values": "Mend it, or leave this frame out"}
 _KEPT = 6  # frames whose content is looked at
-_SEARCHED = 2  # frames in which objects are looked for
+_ABSENT = "objects"  # the kind of a finding that an object is found nowhere
+_SOUGHT = 3  # objects that are looked for with other units, places of depth and focal lengths
 _LAYOUT = (
     "The folder must be in BOP's layout: models/obj_000001.ply …, and for each scene "
     "test/000001/rgb/, depth/, scene_camera.json and scene_gt.json"
 )
+
+
+def read_frames(
+    load: Callable[[str], Frame],
+    keys: Sequence[str],
+    kept: int,
+    read: Callable[[str], Frame] | None = None,
+) -> tuple[list[Frame], list[Finding]]:
+    """Some of the frames, spread over all of them, and what is wrong with any of them.
+
+    Every frame is decoded; at most about `kept` are returned. `read` decodes without asking whether
+    the values make sense: a frame that only `load` refuses is returned too, with a finding of kind
+    "values". Of many findings of a kind, the first ones are returned, and how many more there are.
+    """
+    every = max(len(keys) // max(kept, 1), 1)
+    frames, wrong = [], dict[str, list[Finding]]()
+    for number, key in enumerate(keys):
+        frame, kind = None, "files"
+        try:
+            frame = load(key)
+        except HlpError as refusal:
+            error = refusal
+            if read is not None:
+                try:
+                    frame, kind = read(key), "values"
+                except HlpError as failure:
+                    error = failure
+            finding = Finding(kind, key, str(error), _ADVICE[kind])
+            wrong.setdefault(kind, []).append(finding)
+        if frame is not None and number % every == 0:
+            frames.append(frame)
+    return frames, [finding for findings in wrong.values() for finding in _first(findings)]
+
+
+def _first(findings: Sequence[Finding]) -> list[Finding]:
+    """The first findings of a kind; what is left out is counted in the last one."""
+    left = len(findings) - _SHOWN
+    if left <= 0:
+        return list(findings)
+    last = findings[_SHOWN - 1]
+    return [*findings[: _SHOWN - 1], replace(last, where=f"{last.where} (and {left} more frames)")]
 
 
 def examine_learnt(folder: Path) -> tuple[Detector | None, list[Finding]]:
@@ -117,7 +164,8 @@ def examine_dataset(root: Path, output: Path | None) -> list[Finding]:
     read = source.read if isinstance(source, BopFrames) else None
     frames, findings = read_frames(source.load, keys, _KEPT, read)
     causes = check_frames(frames, list(dataset.models.values()))
-    causes += check_true_poses(frames, dataset.models)
+    causes = causes or check_true_poses(frames, dataset.models)
+    causes += check_true_colors(frames, dataset.models)
     if output is not None:
         for frame in frames:
             _draw_truth(output, dataset, frame)
@@ -125,7 +173,9 @@ def examine_dataset(root: Path, output: Path | None) -> list[Finding]:
     return [found for found in findings if not causes or found.kind != "values"] + causes
 
 
-def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
+def examine_own(
+    frames: OwnFrames, detector: Detector | None, masks: SearchMasks | None = None
+) -> list[Finding]:
     """A user's own frames, with learnt objects to look for or without."""
     try:
         keys = frames.keys
@@ -135,26 +185,43 @@ def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
     read, findings = read_frames(frames.load, keys, _KEPT)
     models = [] if detector is None else list(detector.models.values())
     findings += check_frames(read, models)
-    if detector is not None and read and not findings:
-        findings += _examine_by_objects(detector, read)
-    return findings
-
-
-def _examine_by_objects(detector: Detector, frames: Sequence[Frame]) -> list[Finding]:
-    """Faults that keep objects from being found, or with which they fit worse in most frames."""
-    scores = [best_score(detector, frame) for frame in frames[:_SEARCHED]]
-    best = int(np.argmax(scores))
-    searched = [frames[best], *(frame for frame in frames[:_SEARCHED] if frame is not frames[best])]
-    findings = check_by_search(searched, scores[best], partial(best_score, detector))
-    if findings:
+    if detector is None or not read:
         return findings
-    evidence = Evidence(detector)
+    marked = dict[str, Mask]()
+    if masks is not None:
+        shapes = {frame.key: frame.depth.shape for frame in read}
+        marked = {key: masks.load(frames.paths(key), shape) for key, shape in shapes.items()}
+    causes = _examine_by_objects(detector, read, marked, frames.depth_scale)
+    # What is found out with objects says more than what frames alone do, and names it once.
+    return causes if causes and causes[0].kind != _ABSENT else findings or causes
+
+
+def _examine_by_objects(
+    detector: Detector, frames: Sequence[Frame], masks: Mapping[str, Mask], unit: float
+) -> list[Finding]:
+    """Faults that keep objects from being found, or with which they fit worse in most frames."""
+    evidence, scores, best = Evidence(detector), dict.fromkeys(detector.objects, 0.0), []
     for frame in frames:
-        found = detector.search(
-            frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
-        )
-        evidence.add(frame, all_answers(found))
-    return evidence.findings()
+        answers = find_answers(detector, detector.objects, masks, frame)
+        evidence.add(frame, answers)
+        for answer in answers:
+            scores[answer.object] = max(scores[answer.object], answer.score)
+        best.append(max((answer.score for answer in answers), default=0.0))
+    sought = sorted(scores, key=lambda name: -scores[name])[:_SOUGHT]
+
+    def find_best(frame: Frame) -> float:
+        answers = find_answers(detector, sought, masks, frame)
+        return max((answer.score for answer in answers), default=0.0)
+
+    order = np.argsort(best)[::-1]
+    likely = [frames[place] for place in order]
+    findings = check_by_search(likely, best[order[0]], find_best, unit) or evidence.findings()
+    absent = [name for name in scores if scores[name] < MIN_SCORE]
+    if findings or not absent:
+        return findings
+    advice = "It is not in view or too small, or depth is not registered to colour"
+    problem = f"found in none of {len(frames)} frames"
+    return [Finding(_ABSENT, ", ".join(absent), problem, advice)]
 
 
 def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
@@ -178,7 +245,7 @@ _FRAMES = {"rgb", "depth", "intrinsics"}
 def doctor(arguments: Sequence[str]) -> None:
     """Print what is wrong; exits with 1 if anything is."""
     given = with_frames(own.split_arguments(arguments))
-    known = [*own.field_names(FrameFiles), "data", "learnt", "output", "work"]
+    known = [*own.field_names(FrameFiles), "data", "learnt", "output", "work", "mask", "box"]
     own.check_known(given, known, "doctor")
     cache = cache_folder(given.get("work"))
     findings = [*check_libraries(), *check_threads(), *check_disk(cache)]
@@ -190,15 +257,15 @@ def doctor(arguments: Sequence[str]) -> None:
         print(f"learnt    {folder}")
         findings += more
     if "data" in given:
-        output = Path(given["output"]).expanduser() if "output" in given else None
+        output = expanded(given["output"]) if "output" in given else None
         print(f"data      {given['data']}")
-        findings += examine_dataset(Path(given["data"]).expanduser(), output)
+        findings += examine_dataset(expanded(given["data"]), output)
         if output is not None:
             print(f"pictures  {output} (objects at their true poses)")
     if _FRAMES & given.keys():
         frames = OwnFrames(own.read_group(FrameFiles, given))
         print(f"frames    {given.get('rgb')}")
-        findings += examine_own(frames, detector)
+        findings += examine_own(frames, detector, own.search_masks(given))
     print("\n".join(describe(findings)))
     if findings:
         sys.exit(1)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-from hlp.errors import is_expected
+from hlp.errors import is_expected, shortened
 
 _LONGEST = 600  # characters in a line of an error: two long paths and what to do
 INTERRUPTED, READER_GONE, TERMINATED = 130, 141, 143
@@ -103,13 +103,13 @@ def _cut(line: str) -> str:
 
 def in_words(error: BaseException) -> str:
     """The message of an error and its notes; one of the configuration in one sentence."""
-    lines = [str(error)]
+    lines = [shortened(str(error))]
     if _is_of_configuration(error):
         from hlp.commands.composing import hydra_in_words  # Hydra is slow, and not always used
 
         words = hydra_in_words(error)
         cause = str(error.__cause__ or "").partition("\n")[0] if words == str(error) else ""
-        lines = [words, *filter(None, [cause])]
+        lines = [shortened(line) for line in (words, cause) if line]
     return "\n".join([*lines, *getattr(error, "__notes__", [])])
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from hlp.commands.arguments import is_true, known_arguments, path_of, text_list
 from hlp.data.public_sets import IMAGES, SETS, find_set
 from hlp.errors import InputError, MissingFileError
-from hlp.files import MANIFEST, shipped_folder
+from hlp.files import MANIFEST, expanded, shipped_folder
 from hlp.folders import found_below, locked
 from hlp.stages.manifest import is_fingerprint, named_outputs
 from hlp.stages.store import DAMAGED, IN_USE, PARTIAL, RECORD
@@ -134,7 +134,7 @@ def clean(arguments: Sequence[str]) -> None:
         if kind not in KINDS:
             raise InputError(f"kinds={kind}: choose from {', '.join(KINDS)}")
     work, dry = path_of(given, "work", "work"), is_true(given, "dry", True)
-    outputs = [Path(name).expanduser() for name in text_list(given.get("outputs", "outputs"))]
+    outputs = [expanded(name) for name in text_list(given.get("outputs", "outputs"))]
     found = [output for output in find_removable(work, outputs) if output.kind in kinds]
     for output in found:
         print(f"{output.kind:<12}  {output.size / 1e6:9.1f} MB  {output.folder}")

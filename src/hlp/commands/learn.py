@@ -169,6 +169,8 @@ def learning_request(
     of_one = own.of_single(given, own.field_names(MeshChoices), names)
     known = {*keys, *taken, *(f"{key}.{name}" for name in of_one for key in of_one[name])}
     rest = [f"{key}={value}" for key, value in given.items() if key not in known]
+    if unused := [word for word in rest if word.startswith("hydra.")]:
+        raise InputError(f"{unused[0]}: nothing is run by Hydra here, give output=FOLDER")
     # The built-in demo, the default, limits poses and learns from fewer images.
     general = ("output=none", "~experiment", "name=learn", "data=bop", "data.root=.")
     return LearningRequest(

@@ -8,7 +8,7 @@ from pathlib import Path
 from hlp.commands import help_text
 from hlp.commands.arguments import nearest, tracking_uri
 from hlp.errors import InputError
-from hlp.files import MANIFEST, config_folder
+from hlp.files import MANIFEST, config_folder, expanded
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.runs import learnt_cache
 from hlp.runs.learnt_cache import find_learnt
@@ -31,7 +31,7 @@ def objects(arguments: Sequence[str]) -> None:
             print(f"removed {learnt_cache.remove_learnt(name, cache)}")
         case ["export", name, target]:
             with _whole(name, cache, work) as folder:
-                made = learnt_cache.export_learnt(str(folder), Path(target).expanduser(), cache)
+                made = learnt_cache.export_learnt(str(folder), expanded(target), cache)
             print(f"copied to {made}")
         case ["register", name, model]:
             from hlp.runs.mlflow_log import register_learnt
@@ -48,15 +48,17 @@ def _no_use(words: Sequence[str]) -> InputError:
     word = words[0] if words else ""
     hint = nearest(word, _WORDS) if word not in _WORDS else ""
     uses = (line[7:] for line in help_text("objects").split("\n") if f" objects {word} " in line)
-    return InputError(
-        f"cannot use '{' '.join(words)}'{hint or ':'} see `{next(uses, 'hlp objects --help')}`"
-    )
+    use = next(uses, "hlp objects --help")
+    wanted = [part for part in use.split()[3:] if "=" not in part]
+    if word in _WORDS and (missing := wanted[len(words) - 1 :]):
+        return InputError(f"{' and '.join(missing)} is missing: `{use}`")
+    return InputError(f"cannot use '{' '.join(words)}'{hint or ':'} see `{use}`")
 
 
 @contextmanager
 def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
     """An undamaged folder of learnt objects: one by path or name, or of what a run has learnt."""
-    manifest = Path(given).expanduser() / MANIFEST
+    manifest = expanded(given) / MANIFEST
     if not manifest.is_file():
         yield learnt_cache.find_whole(given, cache)
         return

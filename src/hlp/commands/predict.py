@@ -3,12 +3,12 @@
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import cast
 
 from hlp.commands import arguments as own
 from hlp.data.frame_paths import with_frames
-from hlp.data.own_frames import FrameFiles, OwnFrames, SearchMasks
+from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.errors import InputError
+from hlp.files import expanded
 from hlp.kernels import set_compute_threads
 from hlp.method.detector import Detector
 from hlp.runs import prediction
@@ -26,7 +26,7 @@ def predict(arguments: Sequence[str]) -> None:
     known = [*own.field_names(FrameFiles), *_OTHER, *_OPTIONS]
     _check_keys(given, known)
     frames = OwnFrames(own.read_group(FrameFiles, given))
-    masks, options = _masks(given), _options(given)
+    masks, options = own.search_masks(given), _options(given)
     default = Path("outputs", "predict", time.strftime("%Y-%m-%d_%H-%M-%S"))
     output = own.path_of(given, "output", default)
     threads = own.whole_number(given, "threads")
@@ -64,7 +64,7 @@ def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[
         learning_request,  # Hydra, torch: only to learn
     )
 
-    request = learning_request(given, [str(Path(given["model"]).expanduser())], known)
+    request = learning_request(given, [str(expanded(given["model"]))], known)
     frames.load(frames.keys[0])  # what is wrong is said before minutes of learning
     return learn_once(cache, request)
 
@@ -73,16 +73,3 @@ def _options(given: Mapping[str, str]) -> PredictionOptions:
     options = {key: given[key] for key in _OPTIONS if key in given}
     objects = own.names_of_objects(options)
     return own.read_group(PredictionOptions, options, objects=objects)
-
-
-def _masks(given: Mapping[str, str]) -> SearchMasks | None:
-    if "mask" not in given and "box" not in given:
-        return None
-    if "mask" in given and "box" in given:
-        raise InputError("mask and box: give one of them")
-    if "mask" in given:
-        return SearchMasks(masks=str(own.plain_value(given["mask"])))
-    box = own.plain_value(given["box"] if "[" in given["box"] else f"[{given['box']}]")
-    if len(box) != 4 or not all(type(side) in (int, float) and abs(side) < 1e9 for side in box):
-        raise InputError(f"box={given['box']}: it must be [x,y,width,height] in pixels")
-    return SearchMasks(box=cast("tuple[float, float, float, float]", tuple(map(float, box))))

@@ -19,6 +19,7 @@ from omegaconf import DictConfig
 from hlp.commands import MULTIRUN, composing
 from hlp.config.composition import chosen_by_hydra, provide_defaults
 from hlp.errors import InputError
+from hlp.files import expanded
 from hlp.studies import sweep
 
 _MANIFEST, _COMPARE, _SPACE = "manifest=", "compare=", "space="
@@ -85,7 +86,7 @@ def _repeat(arguments: Sequence[str]) -> None:
 
     overrides = [word for word in arguments if not word.startswith(_MANIFEST)]
     named = [word.removeprefix(_MANIFEST) for word in arguments if word.startswith(_MANIFEST)]
-    manifest = Path(named[-1]).expanduser()
+    manifest = expanded(named[-1])
     config = config_of(manifest, overrides, composing.config_folder())
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "config.yaml").write_text(config)
@@ -99,7 +100,7 @@ def _bench_files(value: str) -> tuple[Path, Path]:
     If only one is given, the other is the newest in outputs/.
     """
     names = [name.strip() for name in value.strip("[]").split(",")]
-    files = [Path(name).expanduser() for name in names if name]
+    files = [expanded(name) for name in names if name]
     if len(files) == 1:
         found = [
             path for path in Path("outputs").rglob("bench.json") if not path.samefile(files[0])
@@ -136,6 +137,6 @@ def _searched(arguments: Sequence[str]) -> list[str]:
     """`--config-dir` as an override, as Hydra itself takes it."""
     words = [word for argument in arguments for word in argument.split("=", 1)]
     named = [after for word, after in pairwise(words) if word in _CONFIG_DIR]
-    folders = ",".join(f"'file://{Path(name).expanduser().absolute()}'" for name in named)
+    folders = ",".join(f"'file://{expanded(name).absolute()}'" for name in named)
     given = [word for word in arguments if word.startswith("hydra.searchpath=")]
     return [f"hydra.searchpath=[{folders}]"] if folders else given

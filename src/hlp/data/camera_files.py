@@ -4,22 +4,22 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from jaxtyping import Float
 
 from hlp.arrays import CameraMatrix, Image
 from hlp.errors import InputError, MissingFileError
-from hlp.files import parse_json
-from hlp.schemas import camera_matrix
+from hlp.files import parse_json, parse_yaml
+from hlp.schemas import camera_matrix, number
 
-_MOST_BYTES = 64 * 1024**2
-_DEEPEST = 20  # brackets within brackets
+_MOST_BYTES = 1024**2
+_MOST_JSON = 16 * 1024**2  # scene_camera.json of thousands of frames
+_LARGEST = 100_000  # px of an image's side
+_LEAST_SEEN = 0.1  # of the image that an undistorted one shows
 _LONGEST_UNIT = 1e6  # mm
 # Keys that hold a matrix or fx, fy, cx, cy: BOP's, RealSense's, plain ones, Open3D's, OpenCV's and
 # ROS 1's files, ROS's messages.
@@ -85,35 +85,23 @@ def read_camera(given: str | Sequence[float], key: str = "intrinsics") -> Camera
 
 def _parsed(path: Path, where: str) -> Any:
     """Numbers of a plain text as a list; JSON and YAML as what they say."""
-    if (size := path.stat().st_size) > _MOST_BYTES:
-        raise InputError(f"{where} has {size} bytes: intrinsics have {_MOST_BYTES} at most")
+    is_json = path.suffix.lower() == ".json"
+    if (size := path.stat().st_size) > (most := _MOST_JSON if is_json else _MOST_BYTES):
+        raise InputError(f"{where} has {size} bytes: intrinsics have {most} at most")
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{where} is not text: give JSON, YAML or nine numbers") from error
     words = re.split(r"[\s,;\[\]]+", text.strip(" \t\r\n,;[]"))
     try:
-        return [float(word) for word in words]
+        return [number(word) for word in words]
     except ValueError:
         pass
-    if path.suffix.lower() == ".json":
+    if is_json:
         return parse_json(text, where)
     # OpenCV writes a first line and tags that other readers of YAML do not know.
     plain = re.sub(r"^%YAML.*\n", "", text).replace("!!opencv-matrix", "")
-    signs = [1 if sign in "[{" else -1 for sign in re.findall(r"[\[\]{}]", plain)]
-    if max(accumulate(signs), default=0) > _DEEPEST:  # the parser takes 18 s for 5000 brackets
-        raise InputError(f"{where} is nested too deeply: no intrinsics are")
-    try:
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(plain)):
-            raise InputError(f"{where} refers to itself (*name): write the numbers out")
-        return next(iter(yaml.safe_load_all(plain)), None)  # `rostopic echo` ends with ---
-    except InputError:
-        raise
-    except RecursionError as error:
-        raise InputError(f"{where} is nested too deeply: no intrinsics are") from error
-    except (ValueError, yaml.YAMLError) as error:
-        first = str(error).splitlines()[0]
-        raise InputError(f"{where} is neither JSON, YAML nor nine numbers: {first}") from error
+    return parse_yaml(plain, where)
 
 
 def _one_camera(content: dict[Any, Any], where: str) -> Mapping[str, Any]:
@@ -137,11 +125,17 @@ def _camera(content: Mapping[str, Any], where: str) -> Camera:
     keys = next((keys for keys in _FORMS if content.keys() >= {*keys}), None)
     if keys is None:
         raise InputError(f"{where}: {_NO_FORM}")
-    values = _data(content[keys[0]]) if len(keys) == 1 else [content[key] for key in keys]
+    values: Any = [content[key] for key in keys]
+    if len(keys) == 1:
+        values = _data(values[0])
+        if isinstance(content[keys[0]], dict) and content[keys[0]].get("rows", 3) != 3:
+            raise InputError(
+                f"{where}: {keys[0]} has {content[keys[0]]['rows']} rows: it must have 3"
+            )
     matrix = _matrix(values, where, by_columns=keys == ("intrinsic_matrix",))
     distortion, fisheye = _distortion(content, where)
     scale = content.get("depth_scale")
-    if scale is not None and (not isinstance(scale, int | float) or not 0 < scale < _LONGEST_UNIT):
+    if scale is not None and (type(scale) not in (int, float) or not 0 < scale < _LONGEST_UNIT):
         raise InputError(f"{where}: depth_scale must be a positive number, not {scale!r}")
     depth_scale = None if scale is None else float(scale)
     return Camera(matrix, _size(content, where), distortion, fisheye, depth_scale)
@@ -157,8 +151,9 @@ def _size(content: Mapping[str, Any], where: str) -> tuple[int, int] | None:
         width, height = (content.get(name) for name in names)
         if (width, height) == (None, None):
             continue
-        if isinstance(width, int) and isinstance(height, int) and min(width, height) > 0:
-            return width, height
+        sides = [side for side in (width, height) if type(side) is int and 0 < side < _LARGEST]
+        if len(sides) == 2:
+            return sides[0], sides[1]
         raise InputError(f"{where}: {' and '.join(names)} are {[width, height]}: give pixels")
     return None
 
@@ -253,6 +248,9 @@ def _undistortion(
     matrix, coefficients = np.array(values).reshape(3, 3), np.array(distortion)
     make = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
     across, down = make(matrix, coefficients, np.eye(3), matrix, (width, height), cv2.CV_32FC1)
+    seen = (across >= 0) & (across < width) & (down >= 0) & (down < height)
+    if seen.mean() < _LEAST_SEEN:
+        raise InputError(f"no lens has a distortion of {list(distortion)}: nearly nothing is seen")
     return across, down
 
 

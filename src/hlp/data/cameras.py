@@ -18,6 +18,7 @@ from annotated_types import Ge, Gt, Le
 from hlp.data.frame_paths import FramePaths, is_pattern, pairs_so_far
 from hlp.data.own_frames import CameraSettings, FrameFiles, FrameReader
 from hlp.errors import DataError, HlpError, InputError, MissingDependencyError, MissingFileError
+from hlp.files import expanded
 from hlp.records import CameraImage
 from hlp.settings import Doc, Settings, shown
 
@@ -59,7 +60,7 @@ def load_camera(source: str) -> Camera:
     Raises MissingFileError and InputError naming what is wrong with `source`. The file is executed.
     """
     file, _, name = source.rpartition(":")
-    path = Path(file).expanduser()
+    path = expanded(file)
     if not path.is_file():
         raise MissingFileError(f"source={source}: there is no file {path} (give FILE.py:CLASS)")
     spec = importlib.util.spec_from_file_location(path.stem, path)

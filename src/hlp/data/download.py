@@ -32,6 +32,7 @@ SOURCES = "sources.json"
 """What a loaded folder was made from: addresses, sizes and checksums of the archives, licence."""
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _MOST_MEMBERS = 2_000_000
+_DEEPEST, _LONGEST_NAME = 64, 255  # folders in each other; bytes
 _MOST_RATIO = 20.0  # unpacked bytes per packed one; images and binary meshes have about 1 to 4
 _FREE_OF_RATIO = 50_000_000  # bytes: text may be packed better
 _RESERVE = 50e6  # bytes that stay free
@@ -58,18 +59,22 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
     unpacked = partial / "unpacked"
     partial.mkdir(parents=True, exist_ok=True)
     lock = folder.with_name(f".{folder.name}.lock")
-    with locked(lock, f"another process is loading {folder}: wait for it"):
-        sources = [fetch(archive, partial / archive.name) for archive in archives]
-        shutil.rmtree(unpacked, ignore_errors=True)
-        unpacked.mkdir()
-        for archive in archives:
-            count = unpack(partial / archive.name, unpacked, public.name)
-            _logger.info("%s: %d files", archive.name, count)
-        about = {"name": public.name, "licence": public.licence, "page": public.page}
-        write_json(unpacked / SOURCES, about | {"archives": sources})
-        unpacked.rename(folder)
-        shutil.rmtree(partial)
-        lock.unlink(missing_ok=True)
+    try:
+        with locked(lock, f"another process is loading {folder}: wait for it"):
+            sources = [fetch(archive, partial / archive.name) for archive in archives]
+            shutil.rmtree(unpacked, ignore_errors=True)
+            unpacked.mkdir()
+            for archive in archives:
+                count = unpack(partial / archive.name, unpacked, public.name)
+                _logger.info("%s: %d files", archive.name, count)
+            about = {"name": public.name, "licence": public.licence, "page": public.page}
+            write_json(unpacked / SOURCES, about | {"archives": sources})
+            unpacked.rename(folder)
+            shutil.rmtree(partial)
+            lock.unlink(missing_ok=True)
+    finally:
+        if partial.is_dir() and not any(partial.iterdir()):
+            partial.rmdir()  # nothing of it was loaded
     return folder
 
 
@@ -90,7 +95,7 @@ def fetch(archive: Archive, target: Path) -> dict[str, object]:
             found = sha256 if kind == "sha256" else _digest(path, kind)
             if found != digest:
                 path.unlink()
-                raise _wrong(archive, f"its {kind} is {found}, not {digest} (deleted: {path})")
+                raise _wrong(archive, f"its {kind} is {found}, not {digest[:12]}…")
             verified.append(f"{kind} {'known' if known == archive.checksum else 'of the server'}")
     path.rename(target)
     said = ", ".join(verified) or "size alone"
@@ -280,6 +285,8 @@ def _checked(archive: Path, members: Iterator[Member]) -> dict[PurePosixPath, Me
         if not member.is_plain:
             raise _unsafe(archive, member.name, "is encrypted, a link or a device")
         parts = member.name.rstrip("/").split("/")
+        if len(parts) > _DEEPEST or max(map(len, parts)) > _LONGEST_NAME:
+            raise _unsafe(archive, member.name[:80], "has too many folders or too long a name")
         inner = parts[1:] if parts[0] == "." else parts
         odd = any(part in ("", ".", "..") or part.strip() != part for part in inner)
         if odd or any(sign in member.name for sign in ("\\", "\0", ":")):

@@ -27,6 +27,7 @@ from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
 from hlp.schemas import (
     CameraEntry,
     camera_matrix,
+    number,
     require_depths,
     require_in_front,
     require_near_depths,
@@ -105,7 +106,8 @@ class FileFrames(ABC):
         frame, stated = self.read(key), self._stated(key)
         require_depths(frame.depth, str(stated.depth))
         for target, where in stated.targets:
-            require_near_depths(target.pose_cam_obj[:3, 3], frame.depth, where)
+            center = target.pose_cam_obj[:3, 3]
+            require_near_depths(center, frame.depth, frame.camera_matrix, where)
         return frame
 
     def read(self, key: str) -> Frame:
@@ -147,7 +149,7 @@ def read_numbers(path: Path, count: int, header_lines: int = 0) -> Values:
         raise MissingFileError(f"no pose {path}")
     try:
         words = " ".join(path.read_text(encoding="utf-8").splitlines()[header_lines:]).split()
-        values = np.array([float(word) for word in words])
+        values = np.array([number(word) for word in words])
     except ValueError as error:
         raise DataError(f"{path} holds something that is not a number ({error})") from error
     if len(values) != count or not np.isfinite(values).all():

@@ -12,6 +12,7 @@ import numpy as np
 from hlp.arrays import Rgb
 from hlp.data.images import DEPTH_EXTENSIONS, EXTENSIONS
 from hlp.errors import DataError, InputError, MissingFileError
+from hlp.files import expanded
 
 VIDEO_EXTENSIONS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 CAMERA_FILES = ("cam_K.txt", "camera.json", "intrinsics.json", "scene_camera.json")
@@ -46,7 +47,7 @@ def with_frames(given: Mapping[str, str]) -> dict[str, str]:
         return dict(given)
     if "rgb" in given:
         raise InputError("frames and rgb: give one of them")
-    root = Path(given["frames"]).expanduser()
+    root = expanded(given["frames"])
     if not root.is_dir():
         raise MissingFileError(f"frames is not a folder: {root} (set frames=FOLDER)")
     found = {key: value for key, value in given.items() if key != "frames"}
@@ -71,11 +72,11 @@ def list_images(given: str, key: str, extensions: tuple[str, ...]) -> list[Path]
     """
     path = Path(given)
     if is_pattern(path):
-        found = [file for file in path.parent.glob(path.name) if file.is_file()]
+        found = [file for file in path.parent.glob(path.name) if not file.is_dir()]
         problem = f"{key}: no file is like {path} (set {key}=PATTERN, quoted, with a *)"
     elif path.is_dir():
         found = [file for file in path.iterdir() if file.suffix.lower() in extensions]
-        found = [file for file in found if file.is_file() and not file.name.startswith(".")]
+        found = [file for file in found if not (file.is_dir() or file.name.startswith("."))]
         problem = f"{key}: no image in {path}"
     elif path.is_file():
         return [path]

@@ -1,5 +1,6 @@
 """Checks of what a user gives to a detector; errors name the argument."""
 
+import logging
 from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from os import PathLike, fspath
@@ -14,6 +15,7 @@ from hlp.errors import DataError, InputError
 from hlp.records import Frame
 
 T = TypeVar("T")
+_logger = logging.getLogger(__name__)
 _NEAREST, _FARTHEST = 0.05, 20.0
 """All of the depth (m) lies beyond the first, half of it nearer than the last: else another unit"""
 _LEAST_SIDE = 8  # pixels
@@ -124,6 +126,10 @@ def checked_pose(given: object) -> Pose:
         schemas.require_rotation(pose[:3, :3].astype(np.float64), "pose_cam_obj[:3, :3]")
     except DataError as error:
         raise InputError(str(error)) from None
+    if (farthest := np.abs(pose[:3, 3].astype(np.float64)).max()) > _FARTHEST:
+        raise InputError(
+            f"pose_cam_obj is {farthest:.4g} m away: it must be in metres, is it in millimetres?"
+        )
     return pose.astype(np.float64)
 
 
@@ -155,7 +161,9 @@ def checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
     distance = np.where(np.isfinite(distance), distance, np.float32(0.0))
     if distance.min() < 0.0:
         raise InputError("depth has negative values: metres, 0 where missing")
-    if 0.0 < (farthest := distance.max()) < _NEAREST:
+    if (farthest := distance.max()) == 0.0:
+        _logger.warning("depth is 0 or NaN everywhere: nothing can be found")
+    elif farthest < _NEAREST:
         raise InputError(f"depth is nowhere more than {farthest:.3g} m: it must be in metres")
     if farthest > _FARTHEST:  # the median takes longer than tracking an object
         median = np.median(distance[distance > 0.0])

@@ -7,10 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hlp.errors import DataError
-from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
+from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, parse_yaml
 from hlp.folders import found_below
 from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
 from hlp.results.recalls import TargetKey, read_summary
@@ -131,9 +129,9 @@ def is_finished(folder: Path) -> bool:
 def _overrides(folder: Path) -> list[str]:
     path = folder / ".hydra" / "overrides.yaml"
     try:
-        given = yaml.safe_load(path.read_text(encoding="utf-8")) if path.is_file() else []
-    except (yaml.YAMLError, RecursionError) as error:
-        raise DataError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
+        given = parse_yaml(path.read_text(encoding="utf-8"), str(path)) if path.is_file() else []
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path} is not in UTF-8 ({error.reason})") from error
     if not isinstance(given, list) or not all(isinstance(word, str) for word in given):
         raise DataError(f"{path} is {shown(given)}: it must be a list of overrides")
     return [word for word in given if not word.startswith("output=")]

@@ -19,6 +19,7 @@ from hlp.files import POSES, read_csv, replaced, write_csv, write_text
 from hlp.folders import locked
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate, TargetScore
+from hlp.schemas import number, require_rotation, whole_ids
 
 POSE_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 
@@ -67,16 +68,15 @@ def read_poses(path: Path) -> list[PoseEstimate]:
 
 def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
     try:
-        rotation = np.array([float(word) for word in row["R"].split()]).reshape(3, 3)
-        millimetres = np.array([float(word) for word in row["t"].split()]).reshape(3)
-        score, time = float(row["score"]), float(row["time"])
-        scene, image, object_id = (int(row[key]) for key in POSE_COLUMNS[:3])
+        rotation = np.array([number(word) for word in row["R"].split()]).reshape(3, 3)
+        millimetres = np.array([number(word) for word in row["t"].split()]).reshape(3)
+        score, time = number(row["score"]), number(row["time"])
+        scene, image, object_id = (_id(row[key]) for key in POSE_COLUMNS[:3])
     except (ValueError, TypeError, AttributeError) as error:
         raise DataError(f"{where}: no pose in BOP's format ({error})") from error
-    if not np.isfinite([*rotation.ravel(), *millimetres, score]).all():
+    if not np.isfinite([*rotation.ravel(), *millimetres, score, time]).all():
         raise DataError(f"{where}: NaN or infinity")
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
-        raise DataError(f"{where}: R is not a rotation")
+    require_rotation(rotation, f"{where}: R", _ROTATION_TOLERANCE)
     pose = rigid(rotation, millimetres / MILLIMETRES_PER_METRE)
     seconds = {"total": time} if time >= 0 else {}
     return PoseEstimate(scene, image, object_id, pose, score, seconds)
@@ -86,14 +86,38 @@ def _numbers(values: Any) -> str:
     return " ".join(repr(float(value)) for value in np.ravel(values))
 
 
+def _id(text: str) -> int:
+    (found,) = whole_ids([text])
+    return found
+
+
+def _share(text: str) -> float:
+    """A number from 0 to 1, or nan where it was not computed."""
+    share = number(text)
+    if share < 0.0 or share > 1.0:
+        raise ValueError(f"{text} is not between 0 and 1")
+    return share
+
+
+def _verdict(text: str) -> bool:
+    return {"0": False, "1": True}[text]
+
+
+def _size(text: str) -> float:
+    """A number from 0, also infinity."""
+    if not (size := number(text)) >= 0.0:
+        raise ValueError(f"{text} is negative or no number")
+    return size
+
+
 _Column = tuple[str, Callable[[Any], int | float | str], Callable[[str], int | float | str]]
-_WHOLE, _NUMBER, _TEXT = (int, int), (float, float), (str, str)
-_VERDICT = (int, lambda text: bool(int(text)))
+_WHOLE, _NUMBER, _TEXT = (int, _id), (float, _share), (str, str)
+_VERDICT = (int, _verdict)
 _LENGTH = (
     lambda metres: float(metres * MILLIMETRES_PER_METRE),
-    lambda text: float(text) / MILLIMETRES_PER_METRE,
+    lambda text: _size(text) / MILLIMETRES_PER_METRE,
 )
-_ANGLE = (lambda angle: float(np.rad2deg(angle)), lambda text: float(np.deg2rad(float(text))))
+_ANGLE = (lambda angle: float(np.rad2deg(angle)), lambda text: float(np.deg2rad(_size(text))))
 _SCORES: dict[str, _Column] = {
     "scene_id": ("scene_id", *_WHOLE),
     "im_id": ("frame_id", *_WHOLE),
@@ -148,7 +172,7 @@ def read_scores(path: Path) -> tuple[list[TargetScore], dict[int, str]]:
             values: dict[str, Any] = {
                 field: read(row[column]) for column, (field, _, read) in _SCORES.items() if field
             }
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, KeyError) as error:
             raise DataError(f"{path}, line {line}: no score ({error})") from error
         scores.append(TargetScore(**values))
         names[scores[-1].object_id] = str(row["object"])

@@ -8,6 +8,7 @@ from pathlib import Path
 import platformdirs
 
 from hlp.errors import DataError, InputError, MissingFileError
+from hlp.files import expanded
 from hlp.folders import own_files
 from hlp.method.learn.learnt_folder import RECORD, check_files, read_record
 from hlp.method.learn.unfinished_folder import restore_replaced
@@ -32,7 +33,7 @@ class LearntEntry:
 def cache_folder(work: str | None) -> Path:
     """The folder of all that is learnt: the user's cache, or `work`/objects."""
     if work is not None:
-        return Path(work).expanduser().absolute() / "objects"
+        return expanded(work).absolute() / "objects"
     return platformdirs.user_cache_path("hlp", appauthor=False) / "objects"
 
 
@@ -41,7 +42,7 @@ def find_learnt(given: str, cache: Path) -> Path:
 
     Raises MissingFileError if there is no such folder, naming those in the cache.
     """
-    path = Path(given).expanduser()
+    path = expanded(given)
     if (path / RECORD).is_file():
         return path
     named = cache / given

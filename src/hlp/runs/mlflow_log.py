@@ -50,6 +50,7 @@ def begun(
     output.mkdir(parents=True, exist_ok=True)
     remove_unfinished(output)  # or MLflow would get it
     (output / MANIFEST).unlink(missing_ok=True)
+    remove_unfinished(output)
     name = short_name(chosen.overrides, chosen.groups, settings.name)
     data = str(run.config["data"]["name"])
     with track_run(

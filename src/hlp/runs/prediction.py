@@ -18,6 +18,7 @@ import hlp
 from hlp.checks.known_objects import FaultWatch
 from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
+from hlp.method.arguments import checked_names
 from hlp.method.detector import Detector
 from hlp.method.find.detections import Detection, SearchResult, TrackedDetection, TrackingResult
 from hlp.method.find.search import MOST_INSTANCES
@@ -104,7 +105,7 @@ def predict(
     answer. A call that was stopped is continued by the same one, but for tracking. The next frames
     are decoded beside detection. Only a frame that cannot be used is lost: it is logged, and
     a line of poses.jsonl names its error. Raises DataError if there is no other, and DamagedError
-    or MissingFileError for a file of what is learnt.
+    or MissingFileError for a file of what is learnt; InputError for a name of none.
     """
     call = _Call(detector, frames, output, options)
     request = "" if options.track else _request(detector, frames, options, masks)
@@ -184,6 +185,9 @@ class _Call:
         self, detector: Detector, frames: OwnFrames, output: Path, options: PredictionOptions
     ) -> None:
         self._detector, self._frames, self._output = detector, frames, output
+        _ = frames.camera  # what is wrong with it, or a name, is wrong with every frame
+        if options.objects is not None:
+            checked_names(options.objects, detector.objects, detector.folder)
         self._search = _search(detector, options)
         keys, panels = frames.keys, options.panels
         count = int(len(keys) == 1) if panels is None else panels

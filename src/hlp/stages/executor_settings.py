@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Literal, Protocol, TypeVar
 
 from annotated_types import Ge, Le
 
-from hlp.errors import MissingDependencyError
+from hlp.errors import MissingDependencyError, WorkerError
 from hlp.settings import Doc, Registry, Settings
 
 Result = TypeVar("Result")
@@ -23,6 +23,10 @@ Threads = Annotated[
 ]
 _PACKAGES = {"dask": "distributed", "ray": "ray"}
 _EVERY = 0.2  # s
+_KILLED = (
+    "worker processes were killed twice, as where memory is full: call again, which continues, "
+    "with fewer executor.workers"
+)
 
 
 class ExecutorSettings(Protocol):
@@ -140,27 +144,42 @@ class ClusterSettings(Settings):
 def _by_joblib(
     backend: str, workers: int, work: Callable[[str], Result], keys: Sequence[str]
 ) -> Iterator[Result]:
-    """`ExecutorSettings.each` by one of joblib's backends with so many workers (-1: all)."""
+    """`ExecutorSettings.each` by one of joblib's backends with so many workers (-1: all).
+
+    What a worker that is killed has left is done once more. Raises WorkerError for a second one.
+    """
     from joblib import Parallel, delayed, parallel_config
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     # Ray's backend returns nothing before everything is done.
     returned = "list" if backend == "ray" else "generator_unordered"
     with parallel_config(backend=backend, n_jobs=workers), warnings.catch_warnings():
         # When the run is stopped.
         warnings.filterwarnings("ignore", message=".*by the workers have been cancelled.*")
-        parallel = Parallel(batch_size=1, return_as=returned)
         do = partial(_do, os.getpid() if backend == "loky" else None)
-        yield from parallel(delayed(do)(work, key) for key in keys)
+        left, again = dict.fromkeys(keys), True
+        while left:
+            parallel = Parallel(batch_size=1, return_as=returned)
+            try:
+                for key, result in parallel(delayed(do)(work, key) for key in [*left]):
+                    del left[key]
+                    yield result
+            except TerminatedWorkerError as error:
+                if not again:
+                    raise WorkerError(_KILLED) from error
+                again = False
 
 
-def _do(parent: int | None, work: Callable[[str], Result], key: str) -> Result:
-    """Do the work for a key. A process other than its parent, if that is given, ends with it.
+def _do(parent: int | None, work: Callable[[str], Result], key: str) -> tuple[str, Result]:
+    """The key, and what the work for it returns.
+
+    A process other than its parent, if that is given, ends with it.
 
     Joblib's dask backend hangs with functions that cannot be hashed, so it is given this one.
     """
     if parent is not None and os.getpid() != parent:  # one worker is the run's own process
         ends_with(parent)
-    return work(key)
+    return key, work(key)
 
 
 @cache

@@ -124,6 +124,9 @@ def read_record(folder: Path) -> LearntRecord:
     for name in learnt.objects:
         if not NAME.fullmatch(name):
             raise DataError(f"{path}: {name!r} cannot name an object")
+    ids, classes = [*learnt.objects.values()], learnt.classes
+    if len({*ids}) < len(ids) or len({*classes}) < len(classes) or not {*ids} <= {*classes}:
+        raise DamagedError(f"{path}: ids {ids}, classes {[*classes]}: each has one: {_AGAIN}")
     try:
         settings = read_settings(MethodSettings, learnt.settings)
     except ConfigError as error:  # a plug-in that is not installed here, or a newer setting

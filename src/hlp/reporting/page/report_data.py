@@ -6,23 +6,25 @@
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
+from annotated_types import Len
 from jaxtyping import Float, UInt8
 
 from hlp.arrays import Pose, Rgb
-from hlp.errors import DataError
-from hlp.files import read_json, write_json
+from hlp.files import write_json
 from hlp.folders import inside
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel
 from hlp.reporting.figures.panels import write_picture
 from hlp.results.recalls import TargetKey
+from hlp.schemas import Id
+from hlp.settings import Positive, Stored, read_as
 
 FOLDER, PANELS, STAGES = "report", "panels", "stages"
 """Folders of a run's pictures: of targets on its page, of some frames, of the stages."""
@@ -51,6 +53,36 @@ def drawn_stages(run: Path) -> dict[str, Path]:
 
 
 @dataclass(frozen=True)
+class _Object(Stored):
+    """A model in the 3D view."""
+
+    diameter_mm: Positive
+    vertices: list[Any]
+    edges: list[Any]
+
+
+@dataclass(frozen=True)
+class _Target(Stored):
+    """A target in the 3D view."""
+
+    key: tuple[Id, Id, Id, Id]
+    picture: str
+    middle: Annotated[list[float], Len(3, 3)]
+    points: str
+    colors: str
+    truth: Annotated[list[float], Len(16, 16)]
+    estimate: Annotated[list[float], Len(16, 16)] | None
+
+
+@dataclass(frozen=True)
+class _Index(Stored):
+    """What index.json must say."""
+
+    objects: dict[str, _Object]
+    targets: list[_Target]
+
+
+@dataclass(frozen=True)
 class ReportData:
     """Plain values for the page's script; empty for runs that kept none.
 
@@ -76,15 +108,9 @@ def read_report_data(run: Path) -> ReportData:
     path = run / FOLDER / _INDEX
     if not path.is_file():
         return ReportData()
-    index = read_json(path)
-    try:
-        targets: dict[TargetKey, Mapping[str, Any]] = {}
-        for target in index["targets"]:
-            scene_id, frame_id, object_id, instance = map(int, target["key"])
-            targets[scene_id, frame_id, object_id, instance] = target
-        return ReportData(dict(index["objects"]), targets)
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{path} is not an index of a report ({error!r})") from error
+    index = read_as(path, _Index)
+    objects = {name: asdict(kept) for name, kept in index.objects.items()}
+    return ReportData(objects, {target.key: asdict(target) for target in index.targets})
 
 
 def picture_path(run: Path, target: Mapping[str, Any]) -> Path | None:
