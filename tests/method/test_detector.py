@@ -129,7 +129,7 @@ def test_missing_depth_may_be_nan(learnt, frame):
     assert [found.score for found in one] == [found.score for found in two] != []
 
 
-HEAVY = ("torch", "pytorch_lightning", "mlflow", "hydra", "omegaconf", "matplotlib", "trimesh")
+HEAVY = "torch pytorch_lightning mlflow hydra omegaconf matplotlib trimesh scipy.linalg".split()
 
 
 def test_detection_imports_no_framework(learnt, frame, tmp_path):
