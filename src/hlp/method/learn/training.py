@@ -24,6 +24,7 @@ from hlp.files import replaced, write_csv
 from hlp.fingerprints import content_checksum
 from hlp.method.learn.model_files import HISTORY, WEIGHTS
 from hlp.method.settings import TrainerSettings
+from hlp.progress import Progress
 
 _CHECKPOINTS, _PATTERN = "checkpoints", "epoch-*.ckpt"
 _KEPT = 2  # checkpoints
@@ -55,8 +56,9 @@ def fit(
     checkpoints = folder / _CHECKPOINTS
     last = last_checkpoint(checkpoints)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    with _quiet():
-        engine = _make_trainer(trainer, epochs, folder)
+    what = f"training {type(module).__name__}"
+    with _quiet(), Progress(None, what, epochs, unit="epoch", bar=False) as progress:
+        engine = _make_trainer(trainer, epochs, folder, progress)
         with _stops(engine):
             engine.fit(module, data, ckpt_path=last, weights_only=True)
     weights = {name: value.contiguous() for name, value in network.state_dict().items()}
@@ -67,9 +69,11 @@ def fit(
     checkpoints.rmdir()
 
 
-def _make_trainer(trainer: TrainerSettings, epochs: int, folder: Path) -> pl.Trainer:
+def _make_trainer(
+    trainer: TrainerSettings, epochs: int, folder: Path, progress: Progress
+) -> pl.Trainer:
     terminal = sys.stderr.isatty()
-    callbacks: list[Callback] = [_Epochs(folder, trainer.torch_threads)]
+    callbacks: list[Callback] = [_Epochs(folder, trainer.torch_threads, progress)]
     if terminal:
         callbacks.append(TQDMProgressBar())
     return pl.Trainer(
@@ -135,8 +139,8 @@ class _Epochs(Checkpoint):
     before Lightning makes the epoch's batches, which draws random numbers too.
     """
 
-    def __init__(self, folder: Path, threads: int) -> None:
-        self.folder, self.threads = folder, threads
+    def __init__(self, folder: Path, threads: int, progress: Progress) -> None:
+        self.folder, self.threads, self.progress = folder, threads, progress
         self.rows: list[dict[str, float]] = []
 
     def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
@@ -146,6 +150,7 @@ class _Epochs(Checkpoint):
         metrics = {name: float(value) for name, value in sorted(trainer.callback_metrics.items())}
         self.rows.append({"epoch": trainer.current_epoch, **metrics})
         self._write_history(trainer)
+        self.progress.update(trainer.current_epoch + 1 - self.progress.n)
         folder = self.folder / _CHECKPOINTS
         trainer.save_checkpoint(folder / _PATTERN.replace("*", f"{trainer.current_epoch:06d}"))
         if trainer.is_global_zero:
