@@ -107,9 +107,8 @@ def _numba() -> Any:
     from numba.core.registry import cpu_target
     from numba.np import linalg
 
-    check = linalg.ensure_blas
+    check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
     try:
-        linalg.ensure_blas = lambda: None
         cpu_target.target_context.refresh()
     finally:
         linalg.ensure_blas = check

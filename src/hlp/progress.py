@@ -4,7 +4,6 @@ import io
 import logging
 import sys
 import threading
-from collections.abc import Iterable
 from typing import Any
 
 from tqdm import tqdm
@@ -20,15 +19,7 @@ class Progress(tqdm):  # type: ignore[misc]
     `bar` is off where something else shows one on the terminal.
     """
 
-    def __init__(
-        self,
-        items: Iterable[Any] | None = None,
-        desc: str = "",
-        total: int | None = None,
-        *,
-        unit: str,
-        bar: bool = True,
-    ) -> None:
+    def __init__(self, items: Any, desc: str, total: Any = None, *, unit: str, bar: bool = True):
         self._over, self._terminal = threading.Event(), sys.stderr.isatty()
         file, line = (None, None) if self._terminal else (io.StringIO(), _LINE)
         off = self._terminal and not bar

@@ -7,9 +7,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 37_159,  # aim: 24,000
-    "modules of src": 221,
-    "lines of tests": 31_688,  # aim: 22,000
+    "lines of src": 37_230,  # aim: 24,000
+    "modules of src": 222,
+    "lines of tests": 31_724,  # aim: 22,000
     "files of conf": 60,
     "words of docs": 12_000,
     "words of README": 600,

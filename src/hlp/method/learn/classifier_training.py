@@ -1,7 +1,6 @@
 """Trains the holistic classifier on rendered windows and backgrounds."""
 
 import gc
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -37,7 +36,6 @@ def train_classifier(
     Class i is the i-th object by id, 0 is background. An interrupted training continues from
     the last checkpoint in `folder`.
     """
-    logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
     data = training_windows(models, views_of, backgrounds, settings)
     torch.manual_seed(settings.seed)
     channels = 4 if settings.holistic.channels == "rgbd" else 3

@@ -74,7 +74,7 @@ def search_scenes(
         moved = transform(inverse(pose) @ true, vertices)
         return float(tree.query(moved)[0].mean()) < limit
 
-    bar = Progress(desc=f"score of {model.name}", total=scenes, unit="scene")
+    bar = Progress(None, f"score of {model.name}", scenes, unit="scene")
     with bar, ThreadPoolExecutor(estimator.settings.machine.threads) as pool:
         for start in range(0, scenes, _BATCH):
             for frame in pool.map(draw, range(start, min(start + _BATCH, scenes))):

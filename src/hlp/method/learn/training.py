@@ -4,7 +4,6 @@ import io
 import logging
 import pickle
 import signal
-import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ from typing import Any
 import pytorch_lightning as pl
 import torch
 from lightning_fabric.plugins import CheckpointIO
-from pytorch_lightning.callbacks import Callback, Checkpoint, TQDMProgressBar
+from pytorch_lightning.callbacks import Checkpoint
 from safetensors.torch import save
 from torch import Tensor, nn
 
@@ -57,7 +56,7 @@ def fit(
     last = last_checkpoint(checkpoints)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     what = f"training {type(module).__name__}"
-    with _quiet(), Progress(None, what, epochs, unit="epoch", bar=False) as progress:
+    with _quiet(), Progress(None, what, epochs, unit="epoch") as progress:
         engine = _make_trainer(trainer, epochs, folder, progress)
         with _stops(engine):
             engine.fit(module, data, ckpt_path=last, weights_only=True)
@@ -72,10 +71,6 @@ def fit(
 def _make_trainer(
     trainer: TrainerSettings, epochs: int, folder: Path, progress: Progress
 ) -> pl.Trainer:
-    terminal = sys.stderr.isatty()
-    callbacks: list[Callback] = [_Epochs(folder, trainer.torch_threads, progress)]
-    if terminal:
-        callbacks.append(TQDMProgressBar())
     return pl.Trainer(
         accelerator=trainer.accelerator,
         devices=trainer.devices,
@@ -83,10 +78,10 @@ def _make_trainer(
         precision=trainer.precision,
         max_epochs=epochs,
         use_distributed_sampler=False,  # our loaders divide the batches themselves
-        callbacks=callbacks,
+        callbacks=[_Epochs(folder, trainer.torch_threads, progress)],
         plugins=[CheckpointFiles()],
         logger=False,
-        enable_progress_bar=terminal,
+        enable_progress_bar=False,
         enable_model_summary=False,
         default_root_dir=folder,
     )
