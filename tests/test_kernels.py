@@ -256,3 +256,13 @@ def test_a_kernel_is_compiled_again_when_any_source_behind_it_has_changed(packag
 def test_kernels_run_uncompiled_where_numba_is_told_so(package: Path) -> None:
     code = "from kernels.caller import doubled_and_one as kernel; print(kernel(3.0))"
     assert call(package, code, NUMBA_DISABLE_JIT="1") == 7.0
+
+
+def test_it_is_said_once_that_kernels_are_compiled(package: Path) -> None:
+    code = (
+        "import json, logging\nlines, handler = [], logging.Handler()\nlogger = logging.root\n"
+        "handler.emit = lines.append\nlogger.addHandler(handler)\nlogger.setLevel('INFO')\n"
+        "from kernels.caller import doubled_and_one\ndoubled_and_one(3.0)\ndoubled_and_one(3)\n"
+        "print(json.dumps(sum('compiling' in line.getMessage() for line in lines)))\n"
+    )
+    assert [call(package, code), call(package, code)] == [1, 0]

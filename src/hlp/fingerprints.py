@@ -168,7 +168,10 @@ def _imports(module: str) -> tuple[str, ...]:
 
 
 def _imported(tree: ast.AST, package: str) -> Iterator[str]:
-    for node in ast.walk(tree):
+    statements = [tree]  # without their expressions, in which nothing is imported
+    for node in statements:
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            statements += getattr(node, part, ())
         if isinstance(node, ast.Import):
             yield from (name.name for name in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -4,6 +4,7 @@ A kernel is compiled again when any source behind it has changed. It releases th
 `ThreadTeam`, in which the caller also works, runs several at once.
 """
 
+import logging
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 from hlp.fingerprints import source_digest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+_logger = logging.getLogger(__name__)
 _lock = Lock()  # numba's folder is a setting of the whole process
 
 
@@ -75,8 +77,7 @@ class _Kernel:
         return self._kernel
 
     def _make_kernel(self) -> Any:
-        import numba
-
+        numba = _numba()
         with _kept_in(kernel_folder(), numba.config) as keep:
             kernel: Any = numba.njit(nogil=True, cache=keep, **self._options)(self._function)
         kept: Any = getattr(kernel, "_cache", None)
@@ -85,7 +86,33 @@ class _Kernel:
             # the one in its index when it looks for a cached kernel. There is no public way to say
             # what a kernel depends on.
             kept._cache_file._source_stamp = source_digest(self._function.__module__)
+            if not kept._cache_file._load_index():
+                _say_that_it_compiles()
         return kernel
+
+
+@cache
+def _say_that_it_compiles() -> None:
+    _logger.info("compiling for this machine, which is done once: about 20 s of computing")
+
+
+@cache
+def _numba() -> Any:
+    """Numba with what it needs to load kernels, but for scipy.linalg.
+
+    To see whether SciPy, which HLP requires, is there, numba imports that: 0.2 s of its 0.4 s. A
+    kernel that needs BLAS still does.
+    """
+    import numba
+    from numba.core.registry import cpu_target
+    from numba.np import linalg
+
+    check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        cpu_target.target_context.refresh()
+    finally:
+        linalg.ensure_blas = check
+    return numba
 
 
 @cache

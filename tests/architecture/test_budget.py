@@ -7,9 +7,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 37_364,  # aim: 24,000
+    "lines of src": 38_020,  # aim: 24,000
     "modules of src": 221,
-    "lines of tests": 32_038,  # aim: 22,000
+    "lines of tests": 32_390,  # aim: 22,000
     "files of conf": 60,
     "words of docs": 12_000,
     "words of README": 600,

@@ -91,15 +91,13 @@ def load_codebook(folder: Path) -> Codebook:
     stored = read_npz(path)
     try:
         exponents = np.frombuffer(zlib.decompress(stored["exponents"].tobytes()), np.uint8)
-        bits = exponents.reshape(stored["low"].shape).astype(np.uint32)
-        bits <<= 8
-        bits |= stored["middle"]
-        bits <<= 8
-        bits |= stored["low"]
-        bits <<= 8
+        shape = stored["low"].shape
+        numbers = np.zeros((*shape, 4), np.uint8)  # the bytes of each, the lowest first
+        numbers[..., 1], numbers[..., 2] = stored["low"], stored["middle"]
+        numbers[..., 3] = exponents.reshape(shape)
         return Codebook(
             int(stored["object_id"]),
-            bits.view(np.float32),
+            numbers.view("<f4")[..., 0],
             stored["rotations"],
             stored["points"],
             float(stored["feature_scale"]),

@@ -39,7 +39,7 @@ class OneCycleModule(pl.LightningModule, Generic[S]):
 
     def log_means(self, values: dict[str, Tensor], batch_size: int | None = None) -> None:
         """Log the means over each epoch."""
-        self.log_dict(values, prog_bar=True, on_step=False, on_epoch=True, batch_size=batch_size)
+        self.log_dict(values, on_step=False, on_epoch=True, batch_size=batch_size)
 
 
 def one_cycle(

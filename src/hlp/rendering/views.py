@@ -11,13 +11,13 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Bool, Float
-from tqdm import tqdm
 
 from hlp.arrays import CameraMatrix, Points, Poses, Values
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.files import write_array
 from hlp.geometry import rigid
 from hlp.kernels import ThreadTeam
+from hlp.progress import Progress
 from hlp.records import MILLIMETRES_PER_METRE, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.rasterizer import random_light
@@ -196,7 +196,7 @@ def render_views(
     depth = np.zeros((len(poses), *shape), dtype=np.float32)
     by_opengl = settings.name == "pyrender"
     render = opengl.render_rgbd if by_opengl else rasterizer.render_rgbd
-    bar = tqdm(total=len(poses), desc=f"views of {model.name}", disable=None if progress else True)
+    bar = Progress(None, f"views of {model.name}", len(poses), unit="view", bar=progress)
 
     def draw(index: int) -> None:
         rgb[index], depth[index] = render(

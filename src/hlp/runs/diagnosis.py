@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
-from tqdm import tqdm
 
 from hlp.data.dataset import Dataset, FrameSource, annotated_mask
 from hlp.errors import DataError
@@ -23,6 +22,7 @@ from hlp.evaluation.errors import is_symmetric_flip, near_truth, poses_near_trut
 from hlp.evaluation.evaluator import FrameTruth, add_correct
 from hlp.evaluation.waterfall import TargetCounts, TargetResults, VoteCounts, cause_of
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
+from hlp.progress import Progress
 from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, frame_key
 from hlp.stages.detection import DetectionStages
 from hlp.stages.trace_files import read_trace
@@ -110,7 +110,7 @@ def explain_misses(
     read = lru_cache(maxsize=1)(partial(read_trace, folders))
     explained = []
     pairs = list(zip(scores, (noted for frame in notes for noted in frame.targets), strict=True))
-    for score, (target, counts) in tqdm(pairs, "causes of misses", unit="target", disable=None):
+    for score, (target, counts) in Progress(pairs, "causes of misses", unit="target"):
         if not score.add_correct:
             trace = read(frame_key(score.scene_id, score.frame_id))
             assert not isinstance(trace, str)  # what has failed has no notes

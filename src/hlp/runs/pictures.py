@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import UInt8
-from tqdm import tqdm
 
 from hlp.config.build import Run, sampled_keys
+from hlp.progress import Progress
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
 from hlp.reporting.figures import save_jpeg
 from hlp.reporting.figures.panels import write_picture
@@ -139,7 +139,7 @@ class _Pictures:
     def draw_frames(self) -> None:
         """All poses of some frames, spread evenly, and the panels of one target of each in turn."""
         folder = self._output / PANELS
-        for key, place in tqdm(self._drawn, "pictures", unit="frame", disable=None):
+        for key, place in Progress(self._drawn, "pictures", unit="frame"):
             with _logged(f"a picture in {folder}"):
                 folder.mkdir(parents=True, exist_ok=True)
                 shown = self._shown(key, place)
@@ -192,7 +192,7 @@ class _Pictures:
             "missed_swarm_costs": lambda: self._swarms(missed_targets(self._scored, _TARGETS)),
         }
         assert draws.keys() == CAPTIONS.keys()
-        progress = tqdm(draws.items(), "pictures of stages", unit="picture", disable=None)
+        progress = Progress(draws.items(), "pictures of stages", unit="picture")
         for name, draw in progress:
             with _logged(f"a picture in {folder}"):
                 picture = draw()
@@ -235,7 +235,7 @@ class _Pictures:
         """What the run's page shows beside its results: objects, pictures and scenes."""
         writer, models = ReportDataWriter(self._output), self._detection.dataset.models
         chosen = page_targets(self._scored) if self._run.settings.panels > 0 else []
-        for key, frame, place in tqdm(chosen, "pictures of targets", unit="target", disable=None):
+        for key, frame, place in Progress(chosen, "pictures of targets", unit="target"):
             shown = self._shown(frame, place)
             best, model = shown.found.nearest(shown.target), models[shown.target.object_id]
             poses = (shown.target.pose_cam_obj, None if best is None else best.pose_cam_obj)

@@ -24,6 +24,7 @@ from hlp.method.find.detections import Detection, SearchResult, TrackedDetection
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import RECORD
 from hlp.method.settings import TrackingSettings
+from hlp.progress import Progress
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.poses_file import LINES, AnswersFile
@@ -114,9 +115,8 @@ def predict(
         left = [key for key in frames.keys if parse_frame_key(key) not in file.answered]
         if file.answered:
             _logger.info("%d of %d frames are answered already", len(file.answered), len(frames))
-        hidden = None if len(left) > 1 else True
         decoded = _decoded(frames, left, masks)
-        progress = tqdm(decoded, "poses", len(left), unit="frame", disable=hidden)
+        progress = Progress(decoded, "poses", len(left), unit="frame", bar=len(left) > 1)
         for key, frame, mask, error in progress:
             problem = error if frame is None else call.answer(frame, mask, file)
             if problem is not None:

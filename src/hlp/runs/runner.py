@@ -5,8 +5,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from hlp.config.build import Run
 from hlp.data.dataset import CheckedFrames
 from hlp.errors import DataError
@@ -15,6 +13,7 @@ from hlp.evaluation.summary import count_false_alarms, scores_in_vain, summarise
 from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.find.trace import Trace
+from hlp.progress import Progress
 from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.experiments import write_reports
@@ -117,7 +116,7 @@ def _score(
     write_poses(output / POSES, estimates)
     saved = read_poses(output / POSES)
     truths = [noted.truth for noted in notes]
-    shown = tqdm(truths, desc="scoring", unit="frame", disable=None)
+    shown = Progress(truths, desc="scoring", unit="frame")
     scores = score_targets(
         shown, dataset.models, saved, settings.evaluation, dataset.evaluation_meshes
     )

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tqdm import tqdm
-
 from hlp.config.build import Run, sampled_keys
 from hlp.method.find.trace import STAGES, STEPS
+from hlp.progress import Progress
 from hlp.records import PoseEstimate
 from hlp.stages.detection import DetectionStages, Seconds, seconds_of
 
@@ -75,7 +74,7 @@ def measure_times(
     _search(detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun
     seconds, cpu = list[Mapping[str, float]](), 0.0
-    for key in tqdm(keys, desc="times", unit="frame", disable=None):
+    for key in Progress(keys, desc="times", unit="frame"):
         found, spent = _search(detection, key)
         seconds += found.values()
         cpu += spent

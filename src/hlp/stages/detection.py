@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from tqdm import tqdm
 
 from hlp.codebook.entries import load_codebook
 from hlp.data.dataset import CheckedFrames, Dataset
@@ -19,6 +18,7 @@ from hlp.method.find.search import MOST_INSTANCES, search_frame
 from hlp.method.find.trace import STAGES, STEPS, Stage, Trace
 from hlp.method.learn.model_files import load_classifier
 from hlp.method.settings import FindSettings, MethodSettings
+from hlp.progress import Progress
 from hlp.records import Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.stages.executor_settings import ExecutorSettings
@@ -110,7 +110,7 @@ class DetectionStages:
             self.reused |= opened.keys() - {*missing} - self.made.keys()
             bar = " + ".join(missing) or "frames"
             keys = self._process(folders, missing)
-            for key in tqdm(keys, bar, len(self.keys), unit="frame", disable=None):
+            for key in Progress(keys, bar, len(self.keys), unit="frame"):
                 if visit is not None:
                     self._visit(key, read_trace(folders, key), visit)
             for own in stacks.values():

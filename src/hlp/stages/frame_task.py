@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from hlp.data.dataset import Dataset, DataSettings
 from hlp.errors import DataError
 from hlp.kernels import set_compute_threads
 from hlp.method.find.trace import Stage
 from hlp.method.settings import MethodSettings
+from hlp.progress import Progress
 from hlp.stages.detection import DetectionStages, OnBadFrame, Seconds
 from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.manifest import code_digest, library_versions
@@ -106,5 +105,5 @@ def render_in_workers(training: TrainingStages, executor: ExecutorSettings) -> N
     if not executor.parallel or not missing:
         return
     done = executor.each(Worker.of(training, executor).render, missing)
-    for key in tqdm(done, desc="views", unit="object", total=len(missing), disable=None):
+    for key in Progress(done, desc="views", unit="object", total=len(missing)):
         training.take_views(int(key))

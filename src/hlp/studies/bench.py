@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge
-from tqdm import tqdm
 
 from hlp.config.build import Run, sampled_keys, with_changes
 from hlp.config.settings import TASKS, RunSettings
@@ -18,6 +17,7 @@ from hlp.method.find.detections import describe_all
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.settings import FindSettings
+from hlp.progress import Progress
 from hlp.records import Frame, PoseEstimate
 from hlp.reporting.bench_tables import CONFIGURED, TIMED, bench_metrics, format_bench
 from hlp.reporting.figures import save_figure
@@ -162,7 +162,7 @@ def _measure(run: Run, estimators: Mapping[str, PoseEstimator], keys: Sequence[s
     all of them; so does the order of a frame's objects.
     """
     detections: Detections = {name: [] for name in estimators}
-    for turn, key in enumerate(tqdm(keys, desc="bench", unit="frame", disable=None)):
+    for turn, key in enumerate(Progress(keys, desc="bench", unit="frame")):
         frame = run.dataset.frames.load(key)
         objects = np.roll([*run.dataset.instances_to_find(frame)], -turn).tolist()
         for name in np.roll([*estimators], -turn).tolist():
@@ -193,7 +193,7 @@ def _objects_at_once(run: Run, estimator: PoseEstimator, keys: Sequence[str]) ->
     So do `Detector` and `hlp predict`. The paths search one after another, to measure the parts.
     """
     spent = []
-    for key in tqdm(keys, desc="objects at once", unit="frame", disable=None):
+    for key in Progress(keys, desc="objects at once", unit="frame"):
         frame = run.dataset.frames.load(key)
         begun, busy = time.perf_counter(), time.process_time()
         context, counts = estimator.prepare(frame), run.dataset.instances_to_find(frame)

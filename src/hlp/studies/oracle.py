@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
-from tqdm import tqdm
 
 from hlp.config.build import Run, sampled_keys
 from hlp.config.settings import TASKS
@@ -23,6 +22,7 @@ from hlp.files import write_json
 from hlp.method.find.estimator import FrameContext, derive_seed
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import ObjectTrace
+from hlp.progress import Progress
 from hlp.records import (
     Frame,
     Hypotheses,
@@ -95,7 +95,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
     with study_run(run, output) as (store, tracker):
         keys = sampled_keys(run.keys, task.frames)
         found = _read(_stage(run, stages_of(run, store), task, keys, store), keys)
-        loaded = tqdm(keys, desc="scores", unit="frame", disable=None)
+        loaded = Progress(keys, desc="scores", unit="frame")
         truths = [FrameTruth.of(dataset.frames.load(key)) for key in loaded]
         scores = {
             cell: score_targets(truths, dataset.models, found[cell], settings.evaluation)

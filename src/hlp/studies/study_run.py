@@ -8,11 +8,11 @@ from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge
-from tqdm import tqdm
 
 from hlp.config.build import Run
 from hlp.files import MANIFEST, write_json
 from hlp.fingerprints import Code, code_of
+from hlp.progress import Progress
 from hlp.records import Frame
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page import page_or_log
@@ -84,7 +84,7 @@ def stage_of_frames(
 
     def make(folder: Path) -> None:
         words = f"{study} of {label}" if label else study
-        for key in tqdm(keys, desc=words, unit="frame", disable=None):
+        for key in Progress(keys, desc=words, unit="frame"):
             if not has_arrays(folder, key):
                 write_arrays(folder, key, find(run.dataset.frames.load(key)))
 

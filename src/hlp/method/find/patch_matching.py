@@ -72,6 +72,9 @@ def load_codebooks(
 
     No more than one codebook's features are held twice.
     """
+    if len(object_ids) == 1:
+        codebook = learnt.load_codebook(object_ids[0])
+        return [codebook], codebook.features
     codebooks: list[Codebook] = []
     features = np.zeros((0, 0), dtype=np.float32)
     for object_id in object_ids:

@@ -1,14 +1,12 @@
 """Trains the holistic classifier on rendered windows and backgrounds."""
 
 import gc
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from hlp.method.learn.model_files import CLASSIFIER, StartingWeights
 from hlp.method.learn.training import calibration_images, fit
@@ -21,6 +19,7 @@ from hlp.patches.composite import BackgroundPool
 from hlp.patches.holistic_data import HolisticDataModule
 from hlp.patches.holistic_pool import HolisticPool, bake_backgrounds, bake_windows
 from hlp.patches.sampling import join
+from hlp.progress import Progress
 from hlp.records import ObjectModel, Views
 
 
@@ -37,7 +36,6 @@ def train_classifier(
     Class i is the i-th object by id, 0 is background. An interrupted training continues from
     the last checkpoint in `folder`.
     """
-    logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
     data = training_windows(models, views_of, backgrounds, settings)
     torch.manual_seed(settings.seed)
     channels = 4 if settings.holistic.channels == "rgbd" else 3
@@ -79,7 +77,7 @@ def _windows(
     models: Sequence[ObjectModel], views_of: Callable[[int], Views], settings: ClassifierStage
 ) -> HolisticPool:
     pools = []
-    for label, model in enumerate(tqdm(models, "windows cut", unit="object", disable=None), 1):
+    for label, model in enumerate(Progress(models, "windows cut", unit="object"), 1):
         pool = bake_windows(
             views_of(model.object_id),
             model,
@@ -100,9 +98,12 @@ def _backgrounds(
     rng = np.random.default_rng([seed, 0])
     meshes, sizes = [m.mesh for m in models], [m.holistic_size for m in models]
     # The scenes are rendered while this thread makes or reads photographs.
-    with ThreadPoolExecutor(1) as beside:
+    made = Progress(None, "backgrounds made", 3, unit="step")
+    with made, ThreadPoolExecutor(1) as beside:
         threads = settings.machine.threads
         scenes = beside.submit(distractor_scenes, meshes, pool.distractor_scenes, seed, threads)
         crops = backgrounds.photograph_crops(pool.backgrounds, resolution, rng)
+        made.update()
         frames = [backgrounds.load_background_frames(), scenes.result()]
-    return bake_backgrounds(crops, frames, sizes, resolution, pool.backgrounds, rng)
+        made.update()
+        return bake_backgrounds(crops, frames, sizes, resolution, pool.backgrounds, rng)

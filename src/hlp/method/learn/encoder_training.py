@@ -9,7 +9,6 @@ from typing import cast
 import numpy as np
 import pytorch_lightning as pl
 import torch
-from tqdm import tqdm
 
 from hlp.arrays import DepthPatches, MaskPatches
 from hlp.method.learn.training import calibration_images, fit
@@ -20,6 +19,7 @@ from hlp.patches.backgrounds import Backgrounds
 from hlp.patches.local_data import PairDataModule, PatchDataModule
 from hlp.patches.local_pool import PairPool, bake_frame_patches, bake_pairs
 from hlp.patches.sampling import join
+from hlp.progress import Progress
 from hlp.records import ObjectModel, Views
 
 
@@ -79,7 +79,7 @@ class _Training:
     def _pairs(self, with_color: bool) -> PairPool:
         settings, pools = self.settings, []
         models = sorted(self.models.items())
-        for object_id, model in tqdm(models, "pairs cut", unit="object", disable=None):
+        for object_id, model in Progress(models, "pairs cut", unit="object"):
             rng, views = np.random.default_rng([settings.seed, object_id]), self.views_of(object_id)
             size = settings.local.side_of(model.local_size)
             pools.append(bake_pairs(views, size, settings.local, settings.pairs, rng, with_color))

@@ -7,13 +7,13 @@ from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
-from tqdm import tqdm
 
 from hlp.geometry import inverse, transform
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import ObjectTrace
 from hlp.method.learn.calibration_scenes import calibration_scene
+from hlp.progress import Progress
 from hlp.records import Frame
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import (
@@ -74,7 +74,7 @@ def search_scenes(
         moved = transform(inverse(pose) @ true, vertices)
         return float(tree.query(moved)[0].mean()) < limit
 
-    bar = tqdm(desc=f"score of {model.name}", total=scenes, unit="scene", disable=None)
+    bar = Progress(None, f"score of {model.name}", scenes, unit="scene")
     with bar, ThreadPoolExecutor(estimator.settings.machine.threads) as pool:
         for start in range(0, scenes, _BATCH):
             for frame in pool.map(draw, range(start, min(start + _BATCH, scenes))):

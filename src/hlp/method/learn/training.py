@@ -4,7 +4,6 @@ import io
 import logging
 import pickle
 import signal
-import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ from typing import Any
 import pytorch_lightning as pl
 import torch
 from lightning_fabric.plugins import CheckpointIO
-from pytorch_lightning.callbacks import Callback, Checkpoint, TQDMProgressBar
+from pytorch_lightning.callbacks import Checkpoint
 from safetensors.torch import save
 from torch import Tensor, nn
 
@@ -24,6 +23,7 @@ from hlp.files import replaced, write_csv
 from hlp.fingerprints import content_checksum
 from hlp.method.learn.model_files import HISTORY, WEIGHTS
 from hlp.method.settings import TrainerSettings
+from hlp.progress import Progress
 
 _CHECKPOINTS, _PATTERN = "checkpoints", "epoch-*.ckpt"
 _KEPT = 2  # checkpoints
@@ -55,8 +55,9 @@ def fit(
     checkpoints = folder / _CHECKPOINTS
     last = last_checkpoint(checkpoints)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    with _quiet():
-        engine = _make_trainer(trainer, epochs, folder)
+    what = f"training {type(module).__name__}"
+    with _quiet(), Progress(None, what, epochs, unit="epoch") as progress:
+        engine = _make_trainer(trainer, epochs, folder, progress)
         with _stops(engine):
             engine.fit(module, data, ckpt_path=last, weights_only=True)
     weights = {name: value.contiguous() for name, value in network.state_dict().items()}
@@ -67,11 +68,9 @@ def fit(
     checkpoints.rmdir()
 
 
-def _make_trainer(trainer: TrainerSettings, epochs: int, folder: Path) -> pl.Trainer:
-    terminal = sys.stderr.isatty()
-    callbacks: list[Callback] = [_Epochs(folder, trainer.torch_threads)]
-    if terminal:
-        callbacks.append(TQDMProgressBar())
+def _make_trainer(
+    trainer: TrainerSettings, epochs: int, folder: Path, progress: Progress
+) -> pl.Trainer:
     return pl.Trainer(
         accelerator=trainer.accelerator,
         devices=trainer.devices,
@@ -79,10 +78,10 @@ def _make_trainer(trainer: TrainerSettings, epochs: int, folder: Path) -> pl.Tra
         precision=trainer.precision,
         max_epochs=epochs,
         use_distributed_sampler=False,  # our loaders divide the batches themselves
-        callbacks=callbacks,
+        callbacks=[_Epochs(folder, trainer.torch_threads, progress)],
         plugins=[CheckpointFiles()],
         logger=False,
-        enable_progress_bar=terminal,
+        enable_progress_bar=False,
         enable_model_summary=False,
         default_root_dir=folder,
     )
@@ -135,8 +134,8 @@ class _Epochs(Checkpoint):
     before Lightning makes the epoch's batches, which draws random numbers too.
     """
 
-    def __init__(self, folder: Path, threads: int) -> None:
-        self.folder, self.threads = folder, threads
+    def __init__(self, folder: Path, threads: int, progress: Progress) -> None:
+        self.folder, self.threads, self.progress = folder, threads, progress
         self.rows: list[dict[str, float]] = []
 
     def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
@@ -146,6 +145,7 @@ class _Epochs(Checkpoint):
         metrics = {name: float(value) for name, value in sorted(trainer.callback_metrics.items())}
         self.rows.append({"epoch": trainer.current_epoch, **metrics})
         self._write_history(trainer)
+        self.progress.update(trainer.current_epoch + 1 - self.progress.n)
         folder = self.folder / _CHECKPOINTS
         trainer.save_checkpoint(folder / _PATTERN.replace("*", f"{trainer.current_epoch:06d}"))
         if trainer.is_global_zero:
