@@ -1,4 +1,4 @@
-"""Object models of CAD files, named and numbered, as learning takes them."""
+"""Object models of CAD files, named and numbered, as learning takes them; which will be hard."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -6,17 +6,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+import cv2
 import numpy as np
 from annotated_types import Gt
 
 from hlp.errors import InputError
-from hlp.method.learn.hard_parts import hard_parts
+from hlp.geometry import rigid
 from hlp.method.learn.learnt_folder import NAME
 from hlp.objects.object_model import ObjectSettings, build_object_model
-from hlp.records import ObjectModel
+from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, ObjectModel
+from hlp.rendering.rasterizer import render_depth
+from hlp.rendering.sensor import depth_error
+from hlp.rendering.surface import sample_surface
+from hlp.rendering.views import thomson, view_rotations
 from hlp.settings import Doc, Settings
 
 _PROXY_FACES = 500  # triangles of the mesh that the refiner renders
+_FOCAL = 572.0  # px, of the depth cameras that most people have
+_VIEWS = 16
+_LEAST_THICKNESS = 10.0  # standard deviations of depth: thinner parts look like a plane
+_LEAST_PX = 40.0  # px, along the diameter: below, recall falls to a half (docs/limits.md)
+_WIDE = 7  # px: depth of what is narrower is mostly lost at its edges
+_POINTS, _ROUND = 4000, 0.9  # on the surface; ratio of small to large radii of what is like a ball
 _logger = logging.getLogger(__name__)
 
 
@@ -90,3 +101,85 @@ def check_distinct(names: Iterable[str]) -> None:
         other = found.setdefault(name.casefold(), name)
         if other != name:
             raise InputError(f"object names {other!r} and {name!r} differ only in case")
+
+
+def hard_parts(model: ObjectModel, farthest_mm: float) -> list[str]:
+    """A sentence for each thing that makes an object hard at a distance of up to `farthest_mm`.
+
+    It says why, and what would help.
+    """
+    return [
+        sentence
+        for sentence in (
+            _flat(model, farthest_mm),
+            _small(model, farthest_mm),
+            _thin(model, farthest_mm),
+            _round(model),
+        )
+        if sentence
+    ]
+
+
+def _flat(model: ObjectModel, farthest_mm: float) -> str:
+    thickness = _thickness(model.proxy.vertices) * MILLIMETRES_PER_METRE
+    error = depth_error(farthest_mm * MILLIMETRE) * MILLIMETRES_PER_METRE
+    if thickness >= _LEAST_THICKNESS * error:
+        return ""
+    nearer = farthest_mm * np.sqrt(thickness / (_LEAST_THICKNESS * error))
+    return (
+        f"it is {thickness:.0f} mm thick, and depth is off by {error:.1f} mm at {farthest_mm:.0f} "
+        f"mm: on a plane it hardly stands out. A camera within {nearer:.0f} mm helps, or one with "
+        "more exact depth"
+    )
+
+
+def _small(model: ObjectModel, farthest_mm: float) -> str:
+    size = _FOCAL * model.diameter / (farthest_mm * MILLIMETRE)
+    if size >= _LEAST_PX:
+        return ""
+    return (
+        f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than {_LEAST_PX:.0f} "
+        f"px are missed more often. A camera within {farthest_mm * size / _LEAST_PX:.0f} mm or one "
+        "with more pixels for the same view helps"
+    )
+
+
+def _thin(model: ObjectModel, farthest_mm: float) -> str:
+    """Whether most of its silhouettes vanish when they are made narrower."""
+    distance = max(farthest_mm * MILLIMETRE, model.diameter)
+    rotations = view_rotations(thomson(_VIEWS, 0), np.zeros(1))
+    poses = rigid(rotations, np.array([0.0, 0.0, distance]) - rotations @ model.centroid)
+    side = int(np.ceil(1.2 * _FOCAL * model.diameter / (distance - model.diameter / 2))) + 2
+    camera = np.array([[_FOCAL, 0.0, side / 2], [0.0, _FOCAL, side / 2], [0.0, 0.0, 1.0]])
+    seen = (render_depth(model.mesh, poses, camera, (side, side)) > 0.0).astype(np.uint8)
+    window = np.ones((_WIDE, _WIDE), np.uint8)
+    wide = [np.count_nonzero(cv2.morphologyEx(view, cv2.MORPH_OPEN, window)) for view in seen]
+    if sum(wide) >= np.count_nonzero(seen) / 2:
+        return ""
+    return (
+        f"most of it is less than {_WIDE} px wide at {farthest_mm:.0f} mm: cameras lose depth at "
+        "edges, and little else is left. A nearer camera helps"
+    )
+
+
+def _round(model: ObjectModel) -> str:
+    """Whether all of its surface is equally far from its middle; colours would tell turns apart."""
+    points = sample_surface(model.mesh, _POINTS).points
+    small, large = np.quantile(np.linalg.norm(points - model.centroid, axis=1), (0.05, 0.95))
+    if model.mesh.colored or small < _ROUND * large:
+        return ""
+    return (
+        "it is like a ball: hardly any turn changes what a camera sees, so only its place can be "
+        "right. Colours in the mesh help, if the real object has them"
+    )
+
+
+def _thickness(vertices: np.ndarray) -> float:
+    """The least distance (m) of two parallel planes that the vertices lie between."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(vertices)
+    except QhullError:
+        return 0.0
+    return float(np.ptp(vertices[hull.vertices] @ hull.equations[:, :3].T, axis=0).min())

@@ -9,8 +9,7 @@ import pytest
 import trimesh
 
 from hlp.data.synthetic.objects import demo_objects, shape_model
-from hlp.method.learn.hard_parts import hard_parts
-from hlp.method.learn.mesh_models import MeshChoices, build_models
+from hlp.method.learn.mesh_models import MeshChoices, build_models, hard_parts
 from hlp.objects.shapes import CUBE, ellipsoid, hull_mesh, tube
 from hlp.records import ObjectModel
 from hlp.rendering.sensor import Kinect, depth_error, noisy_depth
