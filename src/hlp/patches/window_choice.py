@@ -146,8 +146,8 @@ class CloserLookSettings(Settings):
         Gt(0),
         Doc(
             "a larger region is searched first in the squares of its likeliest windows, up to this "
-            "area (squared diameters; ten times as much, if the number of instances is not known, "
-            "however many are asked for) (D); null: the whole region (P)"
+            "area (squared diameters; times the instances that are looked for, if their number is "
+            "not known) (D); null: the whole region (P)"
         ),
     ] = 6.0
 

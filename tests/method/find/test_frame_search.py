@@ -58,7 +58,7 @@ def test_threads_search_different_objects(threads):
     trace = search_frame(estimator, CONTEXT, counts, min_score=0.5)
     assert list(trace) == list(counts) and all(found.refined is None for found in trace.values())
     assert estimator.done[0] == ("shared", counts)
-    assert dict(estimator.done[1:-1]) == dict.fromkeys(counts, 10)  # for one as for all
+    assert dict(estimator.done[1:-1]) == counts
     assert estimator.done[-1] == ("shared patches", sorted(counts))
     assert search_frame(estimator, CONTEXT, {}, min_score=0.5) == {}
 

@@ -81,8 +81,7 @@ class _FrameSearch:
             if object_id in given:
                 return given[object_id]
             # Where their number is known, instances that one look has missed are looked for anew.
-            # Where it is not, a call for one begins as a call for all: it never takes longer.
-            instances = 1 if self.min_score is None else max(self.counts[object_id], MOST_INSTANCES)
+            instances = 1 if self.min_score is None else self.counts[object_id]
             region = self.estimator.find_region(self.context, object_id, instances)
             return ObjectTrace(region, seconds={"holistic": time.perf_counter() - begun})
 
