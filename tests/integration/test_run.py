@@ -194,7 +194,7 @@ def test_console_tells_the_stages_and_where_the_results_are(tiny_run):
     assert said.count("made   codebook of ") == 8
     assert said.count("made   regions ") == 1
     assert "reused" not in said
-    own = ("made ", "cutting ", "drawn ")
+    own = ("made ", "drawn ", "step ")
     log = said[: said.index("Recall")].splitlines()
     assert [line for line in log if not line.startswith(own)] == []
     assert str(tiny_run.made_in / "first") in said

@@ -16,7 +16,7 @@ import tarfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from ipaddress import ip_address
@@ -73,7 +73,7 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
             shutil.rmtree(partial)
             lock.unlink(missing_ok=True)
     finally:
-        if partial.is_dir() and not any(partial.iterdir()):
+        with suppress(OSError):
             partial.rmdir()  # nothing of it was loaded
     return folder
 
@@ -130,14 +130,9 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
         have = part.stat().st_size if version and part.is_file() else 0
         require_room(target.parent, (about.size or have) - have, f"the rest of {archive.name}")
         with part.open("ab" if have else "wb") as stream:
-            http_get(
-                about.location,
-                stream,
-                resume_size=have,
-                headers={"Accept-Encoding": "identity"},
-                expected_size=about.size or archive.size,
-                displayed_filename=archive.name,
-            )
+            size, plain = about.size or archive.size, {"Accept-Encoding": "identity"}
+            load = partial(http_get, about.location, stream, resume_size=have, headers=plain)
+            load(expected_size=size, displayed_filename=archive.name)
     except HlpError:
         raise
     except (httpx2.HTTPError, OSError) as error:
@@ -221,10 +216,8 @@ def unpack(archive: Path, folder: Path, root: str) -> int:
             total = sum(member.size for member in files.values())
             packed = archive.stat().st_size
             if total > _MOST_RATIO * packed + _FREE_OF_RATIO:
-                raise DataError(
-                    f"{archive} takes {packed} bytes and states {total} unpacked: no data set does "
-                    "that, it is not unpacked"
-                )
+                said = f"{archive} takes {packed} bytes and states {total} unpacked"
+                raise DataError(f"{said}: no data set does that, it is not unpacked")
             require_room(folder, total, f"{archive.name} unpacked")
             for path, member in files.items():
                 inner = path.parts[1:] if path.parts[0] == root else path.parts

@@ -29,18 +29,11 @@ from hlp.files import read_json, remove_unfinished, write_json
 from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.folders import lock_file, own_files
 from hlp.settings import Stored, stored_as
+from hlp.stages import STEPS
 from hlp.stages.manifest import library_versions, plain
 
 RECORD, IN_USE = "stage.json", ".in-use"
 PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"
-_STEPS = {
-    "views": "RGB-D views of the models are rendered",
-    "classifier": "a network learns to tell windows that show an object from others",
-    "encoder": "a network learns features of local patches",
-    "codebook": "local patches of the views are stored, with the poses that they vote for",
-    "score": "searches in rendered scenes show how often which answers are right",
-    "poses": "the objects are searched in the frames",
-}
 _logger = logging.getLogger(__name__)
 
 
@@ -192,10 +185,10 @@ class StageStore:
 
     def _announce(self, stage: str) -> None:
         """Say once what a stage is for, before its first output is made."""
-        if stage in _STEPS and stage not in self._announced:
+        if stage in STEPS and stage not in self._announced:
             self._announced.add(stage)
-            number = [*_STEPS].index(stage) + 1
-            _logger.info("step %d of %d, %s: %s", number, len(_STEPS), stage, _STEPS[stage])
+            number = [*STEPS].index(stage) + 1
+            _logger.info("step %d of %d, %s: %s", number, len(STEPS), stage, STEPS[stage])
 
     def _note(self, folder: Path, of: str, *, reused: bool) -> None:
         """Add an event for an output that was verified or made."""

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 _NOT_SEARCHED = ("output", "work", "reporting", "panels", "task")
 _RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
 _KEY = "task.space.parameters"
+Targets = dict[TargetKey, ScoredTarget]
 Space = Mapping[str, "BaseDistribution"]
 """What may be changed, by dotted key."""
 
@@ -127,9 +128,7 @@ def _write_targets(output: Path, best: Mapping[str, Any] | None) -> None:
     write_target_values(output, {"best ADD(-S)": right}, names)
 
 
-def _verdicts(
-    trial: Mapping[str, Any],
-) -> tuple[dict[TargetKey, ScoredTarget], dict[TargetKey, float]]:
+def _verdicts(trial: Mapping[str, Any]) -> tuple[Targets, dict[TargetKey, float]]:
     """A trial's targets and their verdicts by ADD(-S); none if its files were removed since."""
     scores = Path(trial["folder"], SCORES)
     targets = read_targets(scores) if scores.is_file() else {}

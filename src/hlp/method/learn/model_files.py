@@ -84,6 +84,8 @@ def read_model(folder: Path) -> ObjectModel:
         sizes = stated.holistic_size, stated.local_size
         rest = stored["symmetries"], *sizes, stored["near_symmetries"]
         return ObjectModel(stated.id, stated.name, mesh, proxy, stated.diameter, *rest)
+    except DataError:  # it names the file
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
 
