@@ -15,7 +15,7 @@ LIMITS = {
     "words of README": 600,
     "words of CHANGELOG": 800,
 }
-"""Where we are still above our aim, the limit is today's size: it may only fall."""
+"""Above the aims, the limits are the size of today; a commit that raises one says what for."""
 
 
 def files(folder: str, ending: str) -> list[Path]:
