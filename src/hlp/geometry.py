@@ -135,7 +135,7 @@ def nearest_rotation(matrix: Rotation) -> Rotation:
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
-def nearest_equal(pose: Array, symmetries: Array, other: Array) -> Array:
-    """Of the poses that symmetries (n, 4, 4) make of one, the least turned against another."""
-    equal = pose @ symmetries
-    return np.asarray(equal[np.argmin(rotation_distance(equal[:, :3, :3], other[:3, :3]))])
+def nearest_symmetric_pose(other: Array, pose: Array, symmetries: Array) -> Array:
+    """Of the poses that symmetries (n, 4, 4) make of one, the least turned against `other`."""
+    alike = pose @ symmetries
+    return np.asarray(alike[np.argmin(rotation_distance(other[:3, :3], alike[:, :3, :3]))])

@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 38_020,  # aim: 24,000
+    "lines of src": 37_995,  # aim: 24,000
     "modules of src": 221,
     "lines of tests": 32_390,  # aim: 22,000
     "files of conf": 60,

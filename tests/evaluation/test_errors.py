@@ -19,11 +19,10 @@ from hlp.evaluation.errors import (
     mspd,
     mssd,
     near_truth,
-    nearest_symmetric_pose,
     poses_near_truth,
     rotation_error,
 )
-from hlp.geometry import inverse, rigid, rotation_distance, transform
+from hlp.geometry import inverse, nearest_symmetric_pose, rigid, rotation_distance, transform
 
 K = np.array([[572.4, 0.0, 325.3], [0.0, 573.6, 242.0], [0.0, 0.0, 1.0]])
 

@@ -13,7 +13,6 @@ from typing import NoReturn
 
 from hlp.errors import is_expected, shortened
 
-_LONGEST = 600  # characters in a line of an error: two long paths and what to do
 INTERRUPTED, READER_GONE, TERMINATED = 130, 141, 143
 _CONFIGURING = {"hydra", "omegaconf", "yaml"}
 """Libraries whose errors are about what was configured."""
@@ -91,26 +90,20 @@ def fail(error: BaseException) -> NoReturn:
     """Print the error's message and exit with 1; with HLP_TRACEBACK set, raise the error."""
     if os.environ.get("HLP_TRACEBACK", "0") not in {"", "0"}:
         raise error
-    lines = in_words(error).split("\n")
-    print("hlp:", "\n".join(map(_cut, lines)), file=sys.stderr)
+    print(f"hlp: {in_words(error)}", file=sys.stderr)
     sys.exit(1)
-
-
-def _cut(line: str) -> str:
-    """A line as it is unless it is very long, as one that names what a broken file says."""
-    return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} … {line[-_LONGEST // 2 :]}"
 
 
 def in_words(error: BaseException) -> str:
     """The message of an error and its notes; one of the configuration in one sentence."""
-    lines = [shortened(str(error))]
+    lines = [str(error)]
     if _is_of_configuration(error):
         from hlp.commands.composing import hydra_in_words  # Hydra is slow, and not always used
 
         words = hydra_in_words(error)
         cause = str(error.__cause__ or "").partition("\n")[0] if words == str(error) else ""
-        lines = [shortened(line) for line in (words, cause) if line]
-    return "\n".join([*lines, *getattr(error, "__notes__", [])])
+        lines = [words, *filter(None, [cause])]
+    return "\n".join(map(shortened, [*lines, *getattr(error, "__notes__", [])]))
 
 
 def _is_of_configuration(error: BaseException) -> bool:

@@ -50,13 +50,6 @@ def translation_error(estimated: Pose, true: Pose) -> float:
     return float(np.linalg.norm(estimated[:3, 3] - true[:3, 3]))
 
 
-def nearest_symmetric_pose(estimated: Pose, true: Pose, symmetries: Poses) -> Pose:
-    """Of all true poses that look alike, the one whose rotation is closest to the estimate's."""
-    alike = true @ symmetries
-    angles = rotation_distance(estimated[:3, :3], alike[:, :3, :3])
-    return np.asarray(alike[int(np.argmin(angles))])
-
-
 def box_iou(estimated: Pose, true: Pose, vertices: Points, camera_matrix: CameraMatrix) -> float:
     """Intersection over union of the axis-aligned boxes of the projected vertices.
 

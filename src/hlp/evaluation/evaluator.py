@@ -17,6 +17,7 @@ from hlp.arrays import CameraMatrix, Flags, Image, Pose, Poses
 from hlp.errors import DataError
 from hlp.evaluation import EvaluationSettings, errors
 from hlp.evaluation.bop_recalls import BopRecalls
+from hlp.geometry import nearest_symmetric_pose
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target, TargetScore
 
 _FEW_VERTICES = 2000
@@ -178,7 +179,7 @@ class _ObjectScorer:
         settings = self._settings
         alike = true
         if self._symmetric:
-            alike = errors.nearest_symmetric_pose(pose, true, self._model.symmetries)
+            alike = nearest_symmetric_pose(pose, true, self._model.symmetries)
         add_error = self.add_error(pose, true)
         add_s_error = errors.add_s(pose, true, self._few_vertices, self._few_tree)
         turn, shift = errors.rotation_error(pose, alike), errors.translation_error(pose, alike)

@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 
 from hlp.arrays import Mask, Pose, Poses, Vector
-from hlp.geometry import nearest_equal, nearest_rotation, project, rigid, transform
+from hlp.geometry import nearest_rotation, nearest_symmetric_pose, project, rigid, transform
 from hlp.method.arguments import RgbdFrame, checked_mask, checked_rgbd
 from hlp.method.find.attempts import Unexplained
 from hlp.method.find.detections import (
@@ -205,7 +205,7 @@ class _Step:
     def _add(self, answer: Detection, last: Track, tracked: bool) -> None:
         """Take an answer up; of poses that are equal, the nearest to the last one."""
         symmetries = self.estimator.learnt.models[last.object_id].symmetries
-        pose = nearest_equal(answer.pose_cam_obj, symmetries, last.pose_cam_obj)
+        pose = nearest_symmetric_pose(last.pose_cam_obj, answer.pose_cam_obj, symmetries)
         answer = replace(answer, pose_cam_obj=pose, equivalent_poses=pose @ symmetries)
         before = last.pose_cam_obj if tracked else None
         track = replace(last, score=answer.score, pose_cam_obj=pose, before=before)

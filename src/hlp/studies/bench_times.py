@@ -18,7 +18,8 @@ import torch
 from jaxtyping import UInt8
 
 from hlp.config.settings import RunSettings
-from hlp.evaluation.errors import nearest_symmetric_pose, rotation_error, translation_error
+from hlp.evaluation.errors import rotation_error, translation_error
+from hlp.geometry import nearest_symmetric_pose
 from hlp.method.find.estimator import PoseEstimator
 from hlp.records import ObjectModel, PoseEstimate, TargetScore
 from hlp.results.recalls import TargetKey, numbered_targets

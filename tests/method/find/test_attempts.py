@@ -217,9 +217,8 @@ def test_another_face_in_front_is_taken_if_cost_and_score_are_better(
     verifier, scores, templates, min_score, right
 ):
     context = frame(verifier, WHITE, WHITE)
-    tried = attempts(
-        Turned(verifier, context.observation, scores, templates), context, 1, min_score
-    )
+    estimator = Turned(verifier, context.observation, scores, templates)
+    tried = attempts(estimator, context, 1, min_score)
     tried.add(refined(WRONG))
     tried.search_turned()
     (pose,) = tried.merged().chosen_poses

@@ -39,7 +39,7 @@ _QUARTERS = np.array(
         if np.linalg.det(turn := np.array(order) * signs) > 0.0
     ]
 )
-"""The 24 turns that map a cube onto itself."""
+"""The 24 turns that map a cube onto itself; SciPy, which has them, is slow to import."""
 
 
 class Unexplained:
