@@ -104,22 +104,22 @@ def test_vsd_of_a_pose_that_misses_the_object_is_that_of_the_whole_image(estimat
 
 def _reference_matches(errors, limit):
     """Estimates in order, each takes the closest free instance below the limit."""
-    taken = set()
+    taken = []
     for row in errors:
         near = [(error, j) for j, error in enumerate(row) if error < limit and j not in taken]
-        if near:
-            taken.add(min(near)[1])
-    return [j in taken for j in range(errors.shape[1])]
+        taken.append(min(near)[1] if near else -1)
+    return taken
 
 
 def test_matching_is_greedy_for_every_limit_and_tolerance():
     errors = np.random.default_rng(0).random((4, 5, 3))
     limits = np.array([0.1, 0.3, 0.6, 0.9])
     found = match(errors, limits)
-    assert found.shape == (5, 3, 4)
+    assert found.shape == (4, 3, 4)
     for t in range(3):
         for k, limit in enumerate(limits):
             assert found[:, t, k].tolist() == _reference_matches(errors[:, :, t], limit)
+    assert match(errors[:, :0], limits).max() == -1
 
 
 def test_without_estimates_nothing_is_matched():

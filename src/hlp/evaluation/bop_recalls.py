@@ -9,7 +9,7 @@ i at i + 0.5; its distances along the rays take the centre of pixel i at i, as w
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
 from hlp.arrays import CameraMatrix, Image, Mask, Points, Pose, Values
@@ -22,7 +22,8 @@ FRACTIONS = np.arange(1, 11) * 0.05
 """Thresholds of VSD, its tolerances as fractions of the diameter, and thresholds of MSSD."""
 PIXELS = np.arange(1, 11) * 5.0
 """Thresholds of MSPD for an image of 640 pixels in width."""
-_WIDTH = 640
+WIDTH = 640
+"""Width (px) of the images that `PIXELS` are for."""
 _HALF_A_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 
@@ -46,20 +47,27 @@ class BopRecalls:
         `estimates` are the poses to score, the surest first. VSD is nan without a depth image (m).
         """
         pairs = [(estimate, true) for estimate in estimates for true in true_poses]
-        shape = (len(estimates), len(true_poses), -1 if pairs else 1)
-        surface = self._hull, self._symmetries
-        mssd = np.array([errors.mssd(*pair, *surface) for pair in pairs])
-        # The error is largest on the convex hull, up to an effect of perspective that is far below
-        # the thresholds' steps of 5 px.
-        mspd = np.array([errors.mspd(*pair, *surface, camera_matrix) for pair in pairs])
+        mssd, mspd = self.distances(true_poses, estimates, camera_matrix)
         recalls = np.full((len(true_poses), 3), np.nan)
         if depth is not None:
-            vsd = np.array([self._vsd(*pair, camera_matrix, depth) for pair in pairs])
-            recalls[:, 0] = match(vsd.reshape(shape), FRACTIONS).mean(axis=(1, 2))
-        limits = FRACTIONS * self._diameter, PIXELS * width / _WIDTH
-        recalls[:, 1] = match(mssd.reshape(shape), limits[0]).mean(axis=(1, 2))
-        recalls[:, 2] = match(mspd.reshape(shape), limits[1]).mean(axis=(1, 2))
+            values = [self._vsd(*pair, camera_matrix, depth) for pair in pairs]
+            vsd = np.reshape(values, (*mssd.shape, len(FRACTIONS)))
+            recalls[:, 0] = _recalls(vsd, FRACTIONS)
+        recalls[:, 1] = _recalls(mssd[..., None], FRACTIONS * self._diameter)
+        recalls[:, 2] = _recalls(mspd[..., None], PIXELS * width / WIDTH)
         return recalls
+
+    def distances(
+        self, true_poses: Sequence[Pose], estimates: Sequence[Pose], camera_matrix: CameraMatrix
+    ) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "m n"]]:
+        """MSSD (m) and MSPD (px) of each of m estimates against each of n true poses."""
+        pairs = [(estimate, true) for estimate in estimates for true in true_poses]
+        shape, surface = (len(estimates), len(true_poses)), (self._hull, self._symmetries)
+        mssd = np.array([errors.mssd(*pair, *surface) for pair in pairs], dtype=np.float64)
+        # The error is largest on the convex hull, up to an effect of perspective that is far below
+        # the thresholds' steps of 5 px.
+        mspd = [errors.mspd(*pair, *surface, camera_matrix) for pair in pairs]
+        return mssd.reshape(shape), np.array(mspd, dtype=np.float64).reshape(shape)
 
     def _vsd(
         self, estimated: Pose, true: Pose, camera_matrix: CameraMatrix, observed: Image
@@ -98,21 +106,28 @@ def hull_vertices(mesh: Mesh) -> Points:
         return vertices
 
 
-def match(distances: Float[np.ndarray, "m n t"], limits: Values) -> Bool[np.ndarray, "n t k"]:
-    """Which of n instances are matched by one of m estimates, for each of k limits.
+def match(distances: Float[np.ndarray, "m n t"], limits: Values) -> Int[np.ndarray, "m t k"]:
+    """The instance, of n, that each of m estimates is matched to for each of k limits; -1: none.
 
     As in the BOP toolkit, each estimate in turn takes the closest instance that is still free, if
     it lies below the limit.
     """
-    _, instances, tolerances = distances.shape
+    count, instances, tolerances = distances.shape
+    matched = np.full((count, tolerances, len(limits)), -1)
     taken = np.zeros((instances, tolerances, len(limits)), dtype=bool)
-    for row in distances:
+    for row, own in zip(distances if instances else (), matched, strict=False):
         free = np.where(taken | (row[:, :, None] >= limits), np.inf, row[:, :, None])
-        nearest = free.argmin(axis=0)[None]
-        hit = np.isfinite(np.take_along_axis(free, nearest, axis=0))
-        before = np.take_along_axis(taken, nearest, axis=0)
-        np.put_along_axis(taken, nearest, before | hit, axis=0)
-    return taken
+        nearest = free.argmin(axis=0)
+        own[...] = np.where(np.isfinite(free.min(axis=0)), nearest, -1)
+        taken |= np.arange(instances)[:, None, None] == own
+    return matched
+
+
+def _recalls(distances: Float[np.ndarray, "m n t"], limits: Values) -> Values:
+    """Of each of n instances, the share of tolerances and limits for which it is matched."""
+    matched = match(distances, limits)[:, None]
+    instances = np.arange(distances.shape[1])[:, None, None]
+    return np.asarray((matched == instances).any(axis=0).mean(axis=(1, 2)))
 
 
 def unoccluded_mask(frame: Frame, target: Target, model: ObjectModel) -> Mask:
