@@ -16,7 +16,7 @@ from annotated_types import Ge, Le, Len
 from hlp.arrays import CameraMatrix, Image, Rotation, Vector
 from hlp.errors import DataError
 from hlp.geometry import nearest_rotation
-from hlp.settings import Count, Positive, ReadBy, SettingsError, Share, Stored, shown
+from hlp.settings import Count, Positive, SettingsError, Share, Stored, shown
 
 ROTATION_TOLERANCE = 5e-3
 """Largest difference of a stated rotation's numbers from those of the nearest rotation.
@@ -158,9 +158,9 @@ def _flat(values: Any) -> Any:
     return values
 
 
-_Vector3 = Annotated[tuple[float, ...], Len(3, 3), ReadBy(_flat)]
-_Matrix3 = Annotated[tuple[float, ...], Len(9, 9), ReadBy(_flat)]
-_Matrix4 = Annotated[tuple[float, ...], Len(16, 16), ReadBy(_flat)]
+_Vector3 = Annotated[tuple[float, ...], Len(3, 3), _flat]
+_Matrix3 = Annotated[tuple[float, ...], Len(9, 9), _flat]
+_Matrix4 = Annotated[tuple[float, ...], Len(16, 16), _flat]
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from omegaconf import OmegaConf
 from typing_extensions import Doc
 
 from hlp.commands.composing import compose_config
-from hlp.config.composition import group_kinds, groups_of, overrides_of, rows
+from hlp.config.composition import defaults_of, group_kinds, groups_of, overrides_of, rows
 from hlp.config.settings import RunSettings
 from hlp.refinement.pso import PsoSettings
-from hlp.settings import Registry, Settings, defaults_of
+from hlp.settings import Registry, Settings
 
 CONF = Path(__file__).parents[2] / "conf"
 
