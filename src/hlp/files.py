@@ -139,12 +139,20 @@ def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
 
 def parse_json(text: str, where: str) -> Any:
     """Parsed JSON of a text; see `read_json`."""
+
+    def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            (name, _), *_ = Counter(name for name, _ in pairs).most_common(1)
+            raise DataError(f"{where} states the key {name!r} twice: leave one out")
+        return found
+
     try:
-        content = json.loads(text, object_pairs_hook=_distinct, parse_constant=_no_number)
+        content = json.loads(text, object_pairs_hook=distinct, parse_constant=_no_number)
     except RecursionError as error:
         raise _too_deep(where) from error
-    except _DoubleKeyError as error:
-        raise DataError(f"{where} states the key {error} twice: leave one out") from error
+    except DataError:
+        raise
     except ValueError as error:
         raise DataError(f"{where} is not JSON: {error}") from error
     level: list[Any] = [content]
@@ -153,18 +161,6 @@ def parse_json(text: str, where: str) -> Any:
         if not level:
             return content
     raise _too_deep(where)
-
-
-class _DoubleKeyError(Exception):
-    """A key is stated twice in one object."""
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        (name, _), *_ = Counter(name for name, _ in pairs).most_common(1)
-        raise _DoubleKeyError(repr(name))
-    return found
 
 
 def parse_yaml(text: str, where: str) -> Any:

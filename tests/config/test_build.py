@@ -9,8 +9,9 @@ import trimesh
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from hlp.arrays import spread
 from hlp.config import build
-from hlp.config.build import build_run, build_settings, check_symmetric, sampled_keys
+from hlp.config.build import build_run, build_settings, check_symmetric
 from hlp.config.composition import group_kinds, rows
 from hlp.config.settings import RunSettings
 from hlp.data.bop import BopSettings
@@ -262,14 +263,16 @@ def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path, 
     assert build_run(config).dataset.encoder_frames is not None
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 7, 99])
+@pytest.mark.parametrize("count", [1, 2, 5, 7, 99, None])
 def test_frames_are_spread_evenly(default, count):
-    keys = tuple(f"{i:02d}" for i in range(7))
-    chosen = sampled_keys(keys, count)
-    assert len(chosen) == min(count, 7) and chosen[0] == "00"
-    steps = np.diff([int(key) for key in chosen])
+    chosen = spread(range(7), count)
+    assert len(chosen) == min(count or 7, 7) and chosen[0] == 0
+    steps = np.diff(chosen)
     assert len(steps) == 0 or steps.max() - steps.min() <= 1
-    assert build_run(changed(default, "frames", 3)).keys == sampled_keys(build_run(default).keys, 3)
+
+
+def test_a_run_may_be_of_some_frames(default):
+    assert build_run(changed(default, "frames", 3)).keys == spread(build_run(default).keys, 3)
 
 
 def test_settings_are_read_only(default):

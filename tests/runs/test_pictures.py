@@ -55,7 +55,7 @@ def test_a_folder_that_cannot_be_cleared_or_filled_is_logged(
     def fail(*_: Any) -> None:
         raise OSError("read-only")
 
-    names = {"report": "ReportDataWriter", "panels": "sampled_keys", "stages": "CAPTIONS"}
+    names = {"report": "ReportDataWriter", "panels": "spread", "stages": "CAPTIONS"}
     monkeypatch.setattr(pictures, names[folder], fail)
     draw(tmp_path, panels)
     words = "the report" if folder == "report" else str(tmp_path / folder)

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from hlp.data.dataset import StatedTarget
-from hlp.errors import DataError
 from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.summary import summarise
 from hlp.objects.shapes import rounded_box
 from hlp.records import ObjectModel, PoseEstimate, Target
-from hlp.runs.runner import describe_failed, require_some, say_failed, with_failed_frames
+from hlp.runs.runner import describe_failed, say_failed, with_failed_frames
 
 KEYS = ("000006_000001", "000006_000002", "000007_000001")
 REASONS = {KEYS[1]: "rgb/000002.png is truncated"}
@@ -73,9 +72,3 @@ def test_they_are_named(caplog: pytest.LogCaptureFixture) -> None:
     say_failed(REASONS, 3)
     (record,) = caplog.records
     assert "1 of 3 frames could not be used" in record.message and KEYS[1] in record.message
-
-
-def test_without_a_sound_frame_the_run_ends() -> None:
-    require_some(REASONS, 3)
-    with pytest.raises(DataError, match=r"none of the 1 frames can be used.*truncated"):
-        require_some(REASONS, 1)

@@ -15,7 +15,7 @@ from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.data.dataset import TrainingImages
 from hlp.data.file_frames import FolderSettings
-from hlp.errors import DataError, InputError, MissingFileError
+from hlp.errors import InputError, MissingFileError
 from hlp.method.learn import learning
 from hlp.method.learn.learnt_folder import (
     CLASSIFIER,
@@ -33,7 +33,6 @@ from hlp.method.settings import MethodSettings
 from hlp.records import ObjectModel
 from hlp.refinement.score_model import PRIOR, save_score_model
 from hlp.runs.learnt_cache import cache_folder, describe_learnt
-from hlp.stages.manifest import made_outputs
 from hlp.stages.store import RECORD as STAGE
 from hlp.stages.store import StageStore
 
@@ -117,18 +116,7 @@ def learnt_of_run(run: "Run", manifest: Path, folder: Path) -> None:
 
 def _copy_output(manifest: Path, store: StageStore, of: tuple[str, str], target: Path) -> None:
     """Copy the output of a stage (of an object), as a manifest names it."""
-    stage, name = of[0], made_outputs(manifest).get(of, "")
-    source = store.root / stage / name
-    if not name or not source.is_dir():
-        raise MissingFileError(
-            f"{store.root} has no {' of '.join(filter(None, of))} that {manifest} names: name the"
-            " folder of that run with work=FOLDER, or repeat it (hlp run manifest=…)"
-        )
-    try:
-        store.read_record(stage, name)  # which compares the checksums
-    except DataError as error:
-        error.add_note(f"repeat the run of {manifest}, which makes it again")
-        raise
+    source = store.named_by(manifest, *of).folder
     shutil.copytree(source, target, ignore=shutil.ignore_patterns(STAGE), dirs_exist_ok=True)
 
 

@@ -97,7 +97,6 @@ def _without_output(value: Any) -> Any:
 
 _NAME = re.compile(r"[\w][\w .+-]*")
 _OF_HYDRA = ("hydra", "defaults")
-_DEEPEST = 50
 
 
 def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> str:
@@ -178,7 +177,7 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
     for name in _OF_HYDRA:
         if name in config:
             refuse(name, config[name], "a manifest holds no configuration of Hydra")
-    for key, value in _entries(config, manifest):
+    for key, value in _entries(config):
         last = key.rpartition(".")[2]
         if last.startswith("_"):
             refuse(key, value, "a manifest names nothing that is to be called")
@@ -196,12 +195,8 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
         refuse("executor.address", address, why)
 
 
-def _entries(
-    value: Any, manifest: Path, key: str = "", depth: int = 0
-) -> Iterator[tuple[str, Any]]:
+def _entries(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     """All keys, joined by dots, and their values, those of lists too."""
-    if depth > _DEEPEST:
-        raise DataError(f"{manifest}: config is nested more than {_DEEPEST} deep")
     if key:
         yield key, value
     items: dict[str, Any] = {}
@@ -210,4 +205,4 @@ def _entries(
     elif isinstance(value, list):
         items = {f"{key}[{place}]": item for place, item in enumerate(value)}
     for name, item in items.items():
-        yield from _entries(item, manifest, name, depth + 1)
+        yield from _entries(item, name)

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import UInt8
 
-from hlp.config.build import Run, sampled_keys
+from hlp.arrays import spread
+from hlp.config.build import Run
 from hlp.progress import Progress
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
 from hlp.reporting.figures import save_jpeg
@@ -32,7 +33,6 @@ from hlp.reporting.figures.stage_sheets import (
 from hlp.reporting.figures.target_panels import SeenTarget, ShownPose, draw_overview, draw_panels
 from hlp.reporting.page.report_data import CAPTIONS, PANELS, STAGES, ReportDataWriter
 from hlp.results.recalls import TargetKey, numbered_targets
-from hlp.runs import spread
 from hlp.runs.stage_samples import (
     FrameResults,
     entries_of_patches,
@@ -131,7 +131,7 @@ class _Pictures:
     @cached_property
     def _drawn(self) -> list[tuple[str, int]]:
         """Keys of the frames that are drawn, each with the place of the target that is."""
-        chosen = enumerate(sampled_keys(self._run.keys, self._run.settings.panels))
+        chosen = enumerate(spread(self._run.keys, self._run.settings.panels))
         return [
             (key, number % len(self._scored[key])) for number, key in chosen if key in self._scored
         ]

@@ -7,7 +7,6 @@ from typing import Any
 
 from hlp.config.build import Run
 from hlp.data.dataset import CheckedFrames
-from hlp.errors import DataError
 from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import count_false_alarms, scores_in_vain, summarise
 from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
@@ -59,7 +58,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         render_in_workers(detection.training, settings.executor)
         estimates, notes = _find(run, detection)
         trained = log_training(detection.training, tracker)
-        require_some(detection.failed, len(run.keys))
+        run.require_some(detection.failed)
         timing = measure_times(run, detection, estimates)
         in_vain = _search_empty(run, detection)
         summary = _score(run, detection, estimates, notes, timing, in_vain, output)
@@ -174,13 +173,6 @@ def stages_of(run: Run, store: StageStore, on_bad_frame: OnBadFrame = "fail") ->
         on_bad_frame,
         run.bad_frames,
     )
-
-
-def require_some(failed: Mapping[str, str], frames: int) -> None:
-    """Raise DataError if all of a run's frames have failed."""
-    if len(failed) == frames:
-        first = next(iter(failed.values()))
-        raise DataError(f"none of the {frames} frames can be used; the first: {first}")
 
 
 def with_failed_frames(

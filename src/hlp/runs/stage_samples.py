@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from hlp.arrays import spread
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.config.build import sampled_keys
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
 from hlp.method.find.trace import Trace
@@ -111,7 +111,7 @@ class _FewBackgrounds(TrainingImages):
     def load_background_frames(self) -> list[Frame]:
         if (source := self.background_frames) is None:
             return []
-        return [source.load(key) for key in sampled_keys(source.keys, _FRAMES)]
+        return [source.load(key) for key in spread(source.keys, _FRAMES)]
 
 
 def sample_windows(

@@ -15,7 +15,8 @@ from annotated_types import Ge
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from hlp.config.build import Run, sampled_keys
+from hlp.arrays import spread
+from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
 from hlp.geometry import rigid
@@ -88,7 +89,7 @@ def run_basin(run: Run, task: BasinSettings, output: Path) -> pd.DataFrame:
     stopped. Everything is logged as one MLflow run.
     """
     with study_run(run, output) as (store, tracker):
-        keys, names = sampled_keys(run.keys, task.frames), object_names(run)
+        keys, names = spread(run.keys, task.frames), object_names(run)
         verdicts = {
             name: _score(run, keys, _stage(run, task, name, keys, store)) for name in task.compared
         }

@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Ge
 
-from hlp.config.build import Run, sampled_keys, with_changes
+from hlp.arrays import spread
+from hlp.config.build import Run, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json, write_text
@@ -76,7 +77,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
     paths |= {name: with_changes(run, changes) for name, changes in task.compared.items()}
     with study_run(run, output) as (store, tracker):
         machine = describe_machine(run.settings)
-        keys = sampled_keys(run.keys, task.frames)
+        keys = spread(run.keys, task.frames)
         for settings in paths.values():
             TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
         made = sorted({event.stage for event in store.events if not event.reused})

@@ -10,7 +10,8 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
 
-from hlp.config.build import Run, sampled_keys
+from hlp.arrays import spread
+from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.data.dataset import annotated_mask
 from hlp.evaluation import EvaluationSettings
@@ -93,7 +94,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
     """
     dataset, settings = run.dataset, run.settings
     with study_run(run, output) as (store, tracker):
-        keys = sampled_keys(run.keys, task.frames)
+        keys = spread(run.keys, task.frames)
         found = _read(_stage(run, stages_of(run, store), task, keys, store), keys)
         loaded = Progress(keys, desc="scores", unit="frame")
         truths = [FrameTruth.of(dataset.frames.load(key)) for key in loaded]
