@@ -42,6 +42,8 @@ def read(path: Path) -> None:
 @given(data=st.data())
 def test_meshes(tmp_path: Path, name: str, data: st.DataObject) -> None:
     path = tmp_path / name
+    path.write_bytes(FILES[name])
+    assert is_clean(lambda: read(path), path)
     path.write_bytes(data.draw(spoiled(FILES[name])))
     is_clean(lambda: read(path), path)
 
@@ -54,25 +56,14 @@ def test_materials(tmp_path: Path, content: bytes) -> None:
     is_clean(lambda: read(path), path)
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [("box.obj", "v 1\nv 0 0 1\nv 0 1 0\nf 1 2 3\n", "without three coordinates")],
-)
-def test_what_the_fuzzer_found(tmp_path: Path, name: str, content: str, message: str) -> None:
-    (tmp_path / name).write_text(content)
-    with pytest.raises(DataError, match=message):
-        load_mesh(tmp_path / name, None)
+def test_vertices_without_three_coordinates(tmp_path: Path) -> None:
+    (tmp_path / "box.obj").write_text("v 1\nv 0 0 1\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(DataError, match="without three coordinates"):
+        load_mesh(tmp_path / "box.obj", None)
 
 
 @pytest.mark.parametrize("name", ["1" + "0" * 400, "a\0b"])
 def test_a_material_s_name_that_no_file_can_have(tmp_path: Path, name: str) -> None:
     path = tmp_path / "box.obj"
     path.write_text(OBJ.replace("box.mtl", name))
-    assert is_clean(lambda: read(path), path)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_the_files_are_read_unspoiled(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    path.write_bytes(FILES[name])
     assert is_clean(lambda: read(path), path)

@@ -157,10 +157,8 @@ def test_it_ends_when_nobody_reads_the_answers(learnt, tmp_path):
     ("given", "words"),
     [
         (["learnt=x"], "source is not set"),
-        (["source=stdin"], "learnt is not set"),
         (["source=usb", "learnt=x"], "must be folder, stdin, realsense or FILE.py:CLASS"),
         (["source=stdin", "learnt=x", "rgb=y"], "rgb is not a key of `hlp live`"),
-        (["source=stdin", "learnt=x", "min_score=2"], "min_score is 2"),
         (["source=stdin", "learnt=nowhere", "work=."], "neither a folder of learnt objects"),
     ],
 )

@@ -168,11 +168,9 @@ def test_learnt_objects_are_used_by_name_and_by_path(own, first):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["learn", "names=a"], "mesh is not set"),
         (["learn", "mesh=none.ply"], "there is no mesh none.ply"),
         (["learn", "mesh=my drill.ply", "names=a,b"], "names: a, b for 1 meshes"),
         (["learn", "mesh=my drill.ply", "mesh_scale=1"], "wrong unit"),
-        (["learn", "mesh=my drill.ply", "rooms=nowhere"], "rooms is not a folder"),
         (["learn", "mesh=my drill.ply", "symetries=none"], "symetries"),
         (["learn", "mesh=my drill.ply", "name=a/b"], "give output"),
         (

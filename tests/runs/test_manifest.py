@@ -59,17 +59,12 @@ ATTACKS: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "class to create": ({"encoder": {"_target_": "os.mkdir", "path": "x"}}, "encoder._target_"),
     "class in a list": ({"data": {"a": [{"_target_": "os.mkdir"}]}}, r"data.a\[0\]._target_"),
-    "call with arguments": ({"task": {"_args_": ["x"]}}, "task._args_"),
     "environment": ({"data": {"root": "${oc.env:HOME}"}}, "data.root"),
-    "environment in a list": ({"data": {"photos": ["a", "b${oc.env:HOME}"]}}, r"data.photos\[1\]"),
     "environment with another spelling": ({"seed": "${ oc.env:SEED,1}"}, "seed"),
-    "file that is read": ({"name": "${oc.decode:${oc.env:X}}"}, "name"),
     "results elsewhere": ({"name": "../../../tmp/x"}, "name"),
-    "results at an absolute place": ({"name": "/var/x"}, "name"),
     "study elsewhere": ({"task": {"space": {"name": "../../x"}}}, "task.space.name"),
     "drawing elsewhere": ({"task": {"refiners": {"../../x": {}}}}, "no key is a path"),
     "cluster of dask": ({"executor": {"name": "dask", "address": "tcp://evil:8786"}}, "address"),
-    "cluster of ray": ({"executor": {"name": "ray", "address": "ray://evil:10001"}}, "address"),
 }
 
 

@@ -20,8 +20,9 @@ from fake_detection import (
 )
 from hlp.data.dataset import StatedTarget
 from hlp.errors import DataError, MissingFileError
+from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.find.trace import STAGES, STEPS
-from hlp.refinement.score_model import PRIOR
+from hlp.refinement.score_model import MIN_SCORE, PRIOR
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
@@ -292,3 +293,28 @@ def test_everything_else_ends_the_run(tmp_path, options, error, of_files):
         frames = SimpleNamespace(**{n: getattr(frames, n) for n in ("keys", "load", "identity")})
     with pytest.raises(type(error)):
         stages_in(tmp_path, frames, **options).estimates()
+
+
+def test_where_the_number_is_not_known_up_to_so_many_sure_ones_are_looked_for(
+    tmp_path, monkeypatch
+):
+    asked = []
+
+    def search(_, __, counts, *, min_score, **___):
+        asked.append((counts, min_score))
+        return {}
+
+    monkeypatch.setattr(detection, "search_frame", search)
+    stages = stages_in(tmp_path)
+    dataset = stages.dataset
+    frame = stages.load(KEYS[0])
+    stages.search(frame)
+    known = stages._descriptions(STAGES)
+    dataset.search_all = True
+    stages.search(frame)
+    assert asked == [
+        (dict.fromkeys(OBJECTS, 1), None),
+        (dict.fromkeys(OBJECTS, MOST_INSTANCES), MIN_SCORE),
+    ]
+    named = stages._descriptions(STAGES)
+    assert all(named[stage][0] != known[stage][0] for stage in STAGES)

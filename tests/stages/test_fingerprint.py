@@ -1,7 +1,5 @@
 """Names of outputs: every value changes them; order and undeclared keys cannot."""
 
-import copy
-import dataclasses
 import json
 import subprocess
 import sys
@@ -14,12 +12,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from generated_values import json_values, texts
-from hlp import fingerprints
-from hlp.errors import ConfigError
 from hlp.fingerprints import Code
-from hlp.method.settings import MethodSettings
-from hlp.settings import read_settings
-from hlp.stages.manifest import fingerprint, is_fingerprint, plain, stage_code
+from hlp.stages.manifest import fingerprint, is_fingerprint, plain
 
 BASE = {
     "stage": "codebook",
@@ -106,37 +100,3 @@ def test_values_have_a_plain_form():
 def test_what_has_no_plain_form_is_refused(value):
     with pytest.raises((TypeError, ValueError)):
         plain({"bad": [value]})
-
-
-def places(tree, path=()):
-    """Paths of the objects in a tree."""
-    if not isinstance(tree, dict):
-        return []
-    return [path, *(place for name in tree for place in places(tree[name], (*path, name)))]
-
-
-DEFAULTS = dataclasses.asdict(MethodSettings())
-
-
-@given(st.sampled_from(places(DEFAULTS)), texts(), json_values())
-def test_a_key_that_no_setting_declares_is_an_error_that_names_it(place, key, value):
-    content = copy.deepcopy(DEFAULTS)
-    inside = content
-    for name in place:
-        inside = inside[name]
-    assume(key and key not in inside)
-    inside[key] = value
-    with pytest.raises(ConfigError) as caught:
-        read_settings(MethodSettings, content)
-    assert ".".join((*place, key)) in str(caught.value)
-
-
-def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_stages():
-    """A change of the refiner renders no views and trains no classifier."""
-    training = "hlp.method.learn.classifier_training"
-    collected = ("hlp.method.settings",)
-    names, _ = fingerprints._closure((training,), collected)
-    assert not [name for name in names if name.startswith(("hlp.refinement", "hlp.voting"))]
-    used = ("patches.holistic_pool", "models.classifier_training", "method.learn.training")
-    assert {f"hlp.{name}" for name in used} <= {*names}
-    assert stage_code(training).source != fingerprints.code_of(training).source

@@ -149,12 +149,6 @@ def test_each_key_renames_the_stages_that_read_it_and_no_others(choice, dataset)
         assert stages == expected, key
 
 
-def test_another_alternative_with_the_same_values_is_another_name(dataset):
-    pso, icp = method_settings("refinement=pso"), method_settings("refinement=icp")
-    both = names(pso, dataset), names(icp, dataset)
-    assert changed(*both) == {"poses", "score"}
-
-
 def test_the_data_change_the_names_of_what_is_made_from_them(dataset, tmp_path):
     settings = method_settings()
     before = names(settings, dataset)
