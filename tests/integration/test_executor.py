@@ -36,9 +36,9 @@ def detection_of(tiny_run, work, *overrides):
 def find_in_workers(detection, tiny_run, monkeypatch):
     """Every stage is made, has the name that the tiny run's has, and holds the same bits."""
     monkeypatch.setattr(detection, "find", None)  # the run's own process finds nothing
-    detection.poses()
+    detection.make("poses")
     assert made(detection) == [*STAGES]
-    for output in (detection.regions(), detection.hypotheses(), detection.poses()):
+    for output in map(detection.make, STAGES):
         (first,) = (tiny_run.folder / "work").glob(f"*/{output.fingerprint}")
         assert output.folder != first
         for key in detection.keys:

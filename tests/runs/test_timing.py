@@ -85,7 +85,7 @@ def test_cpu_time_is_what_the_process_computed_not_what_it_waited(
     spent = {}
     for estimator in (Slow, Busy):
         if found_on_disk:
-            run_of(FakeEstimator, work=estimator.__name__)[1].poses()
+            run_of(FakeEstimator, work=estimator.__name__)[1].make("poses")
         run, stages = run_of(estimator, 1, estimator.__name__)
         spent[estimator] = measure_times(run, stages, stages.estimates()).summary()
     assert spent[Busy]["cpu_ms"] >= 50.0
@@ -93,7 +93,7 @@ def test_cpu_time_is_what_the_process_computed_not_what_it_waited(
 
 
 def test_a_run_that_found_its_poses_on_disk_measures_anew_and_says_so(run_of: Any) -> None:
-    run_of(Slow)[1].poses()
+    run_of(Slow)[1].make("poses")
     run, fast = run_of(FakeEstimator)
     timing = measure_times(run, fast, fast.estimates())
     own = timing.milliseconds()
@@ -109,7 +109,7 @@ def test_a_run_that_found_its_poses_on_disk_measures_anew_and_says_so(run_of: An
 
 
 def test_a_run_that_reused_only_regions_measures_all_steps(run_of: Any) -> None:
-    run_of(FakeEstimator)[1].regions()
+    run_of(FakeEstimator)[1].make("regions")
     run, fast = run_of(FakeEstimator, timing_frames=10)
     timing = measure_times(run, fast, fast.estimates())
     assert timing.reused == ("regions",)

@@ -54,11 +54,12 @@ def files(work):
 
 def test_a_frame_is_decoded_once_for_all_three_stages(tmp_path):
     stages = stages_in(tmp_path)
-    stages.poses()
+    stages.make("poses")
     assert stages.dataset.frames.loads == [*KEYS]
     assert events(stages, reused=False) == [*STAGES]
     assert files(tmp_path).keys() == {f"{stage}/{key}" for stage in STAGES for key in KEYS}
-    stages.regions(), stages.hypotheses(), stages.poses()
+    for stage in STAGES:
+        stages.make(stage)
     assert stages.dataset.frames.loads == [*KEYS]  # nothing is asked for twice
 
 
@@ -87,7 +88,7 @@ def test_who_visits_the_frames_has_them_decoded_once_and_what_is_on_disk(tmp_pat
 
 
 def test_frames_that_need_no_work_are_visited_too(tmp_path):
-    stages_in(tmp_path).hypotheses()
+    stages_in(tmp_path).make("hypotheses")
     later, again = stages_in(tmp_path), stages_in(tmp_path)
     later.estimator.fails_at = ("refine", KEYS[1], OBJECTS[0])
     with pytest.raises(KeyboardInterrupt):
@@ -104,7 +105,7 @@ def test_frames_that_need_no_work_are_visited_too(tmp_path):
 
 def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(tmp_path):
     stages = stages_in(tmp_path)
-    stages.poses()
+    stages.make("poses")
     wanted = []
     for key in (FIRST, *KEYS):
         wanted += [("region", key, item) for item in OBJECTS]
@@ -115,11 +116,11 @@ def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(tmp
 
 def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path):
     together, apart = stages_in(tmp_path / "together"), stages_in(tmp_path / "apart")
-    together.poses()
-    apart.regions()
+    together.make("poses")
+    apart.make("regions")
     assert events(apart, reused=False) == ["regions"]
-    apart.hypotheses()
-    apart.poses()
+    apart.make("hypotheses")
+    apart.make("poses")
     assert apart.dataset.frames.loads == [*KEYS] * 3
     assert files(tmp_path / "apart") == files(tmp_path / "together")
     for stage in STAGES:
@@ -129,19 +130,19 @@ def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path):
 
 
 def test_what_is_on_disk_is_reused_by_name(tmp_path):
-    stages_in(tmp_path).hypotheses()
+    stages_in(tmp_path).make("hypotheses")
     before = files(tmp_path)
     later = stages_in(tmp_path)
-    later.poses()
+    later.make("poses")
     assert later.reused == {"regions", "hypotheses"}
     assert events(later, reused=True) == ["regions", "hypotheses"]
     assert {step for step, *_ in later.estimator.asked} == {"refine"}
     assert before.items() <= files(tmp_path).items()
     whole = stages_in(tmp_path / "whole")
-    whole.poses()
+    whole.make("poses")
     assert files(tmp_path / "whole").items() <= files(tmp_path).items()
     third = stages_in(tmp_path)
-    third.poses()
+    third.make("poses")
     assert third.reused == {*STAGES} and third.dataset.frames.loads == []
 
 
@@ -149,17 +150,17 @@ def test_an_interrupted_pass_continues_at_the_frame_where_it_stopped(tmp_path):
     stages = stages_in(tmp_path)
     stages.estimator.fails_at = ("refine", KEYS[1], OBJECTS[1])
     with pytest.raises(KeyboardInterrupt) as caught:
-        stages.poses()
+        stages.make("poses")
     assert len(caught.value.__notes__) == 3  # every stage was being made
     assert events(stages, reused=False) == []
     left = [*tmp_path.glob("*/*.partial/*.npz")]
     assert {path.stem for path in left} == {FIRST} and len(left) == 3
     resumed = stages_in(tmp_path)
-    resumed.poses()
+    resumed.make("poses")
     assert resumed.dataset.frames.loads == [*KEYS[1:]]
     assert resumed.reused == {*STAGES}  # in part: its times are not all its own
     whole = stages_in(tmp_path / "whole")
-    whole.poses()
+    whole.make("poses")
     assert files(tmp_path / "whole").items() <= files(tmp_path).items()
     assert not [*tmp_path.glob("*/*.partial")]
 
@@ -168,11 +169,11 @@ def test_a_frame_of_which_one_stage_is_lacking_is_made_for_all(tmp_path):
     stages = stages_in(tmp_path)
     stages.estimator.fails_at = ("region", KEYS[1], OBJECTS[0])
     with pytest.raises(KeyboardInterrupt):
-        stages.poses()
+        stages.make("poses")
     (lost,) = tmp_path.glob(f"poses/*.partial/{FIRST}.npz")
     lost.unlink()  # as a crash between two writes leaves it
     resumed = stages_in(tmp_path)
-    resumed.poses()
+    resumed.make("poses")
     assert resumed.dataset.frames.loads == [*KEYS]
 
 

@@ -13,7 +13,7 @@ from hlp.errors import DataError, MissingFileError
 from hlp.stages import manifest as provenance
 from hlp.stages.manifest import code_digest, device_name, git_revision, library_builds, processor
 from hlp.stages.store import StageStore
-from hlp.stages.warm_start import read_warm_start
+from hlp.stages.warm_start import WarmStartSettings, read_warm_start
 from tiny_method import tiny_method
 
 NAME = "0123456789abcdef"
@@ -103,7 +103,8 @@ def start(folder, stages):
     """Read a warm start from a manifest that names these outputs."""
     (folder / "manifest.json").write_text(json.dumps({"config": {}, "stages": stages}))
     store = StageStore(folder / "work")
-    read_warm_start(folder / "manifest.json", tiny_method(), {}, store)
+    start = WarmStartSettings(str(folder / "manifest.json"))
+    read_warm_start(start, tiny_method(), {}, store)
 
 
 @pytest.mark.parametrize("name", ["../../secret", "/etc", "", NAME.upper(), NAME + "0"])

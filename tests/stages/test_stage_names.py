@@ -62,7 +62,7 @@ def names(settings, dataset, keys=KEYS):
     store = NothingIsMade(Path("nowhere"))
     training = TrainingStages(dataset, settings, store)
     stages = DetectionStages(dataset, settings, training, store, keys)
-    stages.poses()
+    stages.make("poses")
     for object_id in dataset.target_ids:
         training.score(object_id)
     made = {f"{stage} {i}": output.fingerprint for (stage, i), output in training.made.items()}

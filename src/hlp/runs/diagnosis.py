@@ -9,7 +9,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
@@ -103,10 +102,8 @@ def explain_misses(
     `scores` holds one score per target, from `score_targets` in the order of the notes.
     """
     # The targets of a frame follow each other, so its two files are read once.
-    folders: dict[Stage, Path] = {
-        "hypotheses": detection.hypotheses().folder,
-        "poses": detection.poses().folder,
-    }
+    stages: tuple[Stage, ...] = ("hypotheses", "poses")
+    folders = {stage: detection.make(stage).folder for stage in stages}
     read = lru_cache(maxsize=1)(partial(read_trace, folders))
     explained = []
     pairs = list(zip(scores, (noted for frame in notes for noted in frame.targets), strict=True))

@@ -37,10 +37,14 @@ class WarmStart:
     classifier: Output
     encoder: Output
     labels: Mapping[int, int]
+    epochs: int
 
 
 def read_warm_start(
-    manifest: Path, settings: MethodSettings, views: Mapping[int, str], store: StageStore
+    start: WarmStartSettings,
+    settings: MethodSettings,
+    views: Mapping[int, str],
+    store: StageStore,
 ) -> WarmStart:
     """Classifier and encoder that a manifest names, from this run's `work`.
 
@@ -49,6 +53,7 @@ def read_warm_start(
     manifest or what it names is missing, DataError if that is damaged, ConfigError if it cannot be
     the start: it has other settings, or an object that this run does not have.
     """
+    manifest = Path(str(start.manifest))
     patches, shared = settings.patches, {"trainer": settings.trainer}
     needed: dict[str, dict[str, Any]] = {
         "classifier": {"holistic": patches.holistic, "classifier": settings.classifier, **shared},
@@ -64,7 +69,7 @@ def read_warm_start(
             what = f"warm_start.manifest: the {stage} of {manifest} has other settings"
             raise ConfigError(f"{what}: {', '.join(other)}")
     labels = _labels(manifest, records["classifier"]["upstream"], views)
-    return WarmStart(outputs["classifier"], outputs["encoder"], labels)
+    return WarmStart(outputs["classifier"], outputs["encoder"], labels, start.epochs)
 
 
 def _labels(

@@ -126,7 +126,7 @@ def _stage(
     settings = detection.settings
     noise = {"noise_deg": task.noise_deg, "noise_mm": task.noise_mm}
     decided = {**noise, "agree_mm": task.agree_mm, "refinement": settings.refinement}
-    upstream = {"hypotheses": detection.hypotheses().fingerprint}
+    upstream = {"hypotheses": detection.make("hypotheses").fingerprint}
     chosen = (settings.encoder, settings.codebook, settings.voting, settings.refinement)
     code = study_code(__name__, *chosen, run.dataset.frames)
     find = partial(_find, detection, task)
