@@ -18,7 +18,6 @@ from fake_detection import (
     fake_dataset,
     method_settings,
 )
-from hlp.data.dataset import StatedTarget
 from hlp.errors import DataError, MissingFileError
 from hlp.method.find.trace import STAGES, STEPS
 from hlp.refinement.score_model import PRIOR
@@ -226,7 +225,7 @@ class BreakingFrames(CountedFrames):
         """Nothing is seen without decoding."""
 
     def stated_targets(self, key):
-        return (StatedTarget(3),)
+        return ((3, float("nan")),)
 
 
 def assert_same(stages, sound):

@@ -183,7 +183,7 @@ class BopFrames(FileFrames):
         for object_id, count in self._entries[key].items():
             fractions = sorted((f for i, f in there if i == object_id), key=lambda f: -f)
             fractions += [float("nan")] * (count - len(fractions))
-            stated += [StatedTarget(object_id, fraction) for fraction in fractions[:count]]
+            stated += [(object_id, fraction) for fraction in fractions[:count]]
         return tuple(stated)
 
     def identity(self) -> str:

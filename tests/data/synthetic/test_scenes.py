@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.data.dataset import VisibleMasks
 from hlp.data.synthetic import scenes as synthetic_scenes
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import (
@@ -87,7 +86,6 @@ def test_visible_masks_show_the_targets_as_much_as_they_are_visible(
     source: SyntheticScenes,
 ) -> None:
     """Inside a mask the object is what is seen: its own rendering has the noiseless depth."""
-    assert isinstance(source, VisibleMasks)
     models = demo_objects()
     frame = source.load(source.keys[1])
     depth = source.scene(frame.key).depth
