@@ -206,7 +206,10 @@ CASES = {
     "another size": (image("rgb/000012.png", np.zeros((30, 40, 3), np.uint8)), "40x30 but its"),
     "8 bits of depth": (image("depth/000012.png", np.ones((60, 80), np.uint8)), "16-bit"),
     "depth in colours": (image("depth/000012.png", np.ones((60, 80, 3), "u2")), "one channel"),
-    "no camera": (edited("scene_camera.json", lambda _: ...), "has no cam_K for frame 12"),
+    "no camera": (
+        edited("scene_camera.json", lambda _: ...),
+        "frame 12: cam_K is missing",
+    ),
     "no focal length": (camera(cam_K=[0.0, *K[1:]]), "focal lengths must be finite and positive"),
     "intrinsics of a larger image": (
         camera(cam_K=[2 * value for value in K[:8]] + [1]),
