@@ -74,7 +74,7 @@ class Scene:
 
     def camera(self, frame_id: int) -> schemas.CameraEntry:
         """The frame's camera. Raises DataError if there is none, or a broken one."""
-        return self._stored(schemas.CameraEntry, CAMERA, frame_id)
+        return stored_as(schemas.CameraEntry, *self._entry(CAMERA, frame_id))
 
     def annotations(
         self, frame_id: int
@@ -83,8 +83,8 @@ class Scene:
 
         Raises MissingFileError if the scene states no poses.
         """
-        entries = self._stored(schemas.Truths, TRUTH, frame_id)
-        return entries, self._stored(schemas.Infos, _INFO, frame_id)
+        entries = stored_as(schemas.Truths, *self._entry(TRUTH, frame_id))
+        return entries, stored_as(schemas.Infos, *self._entry(_INFO, frame_id))
 
     def is_broken(self, frame_id: int) -> bool:
         """Whether the annotations of a frame cannot be read."""
@@ -117,7 +117,7 @@ class Scene:
 
         Also of a frame whose annotations are broken, as far as they can be read.
         """
-        parts = (self._stated(name, frame_id) for name in (TRUTH, _INFO))
+        parts = (self._entry(name, frame_id)[0] for name in (TRUTH, _INFO))
         entries, infos = (part if isinstance(part, list) else [] for part in parts)
         found = []
         for entry, info in zip_longest(entries, infos[: len(entries)]):
@@ -129,19 +129,17 @@ class Scene:
                 found.append((object_id, float(fraction)))
         return found
 
-    def _stated(self, name: str, frame_id: int) -> Any:
-        """What a text file states of a frame, empty if nothing."""
+    def _entry(self, name: str, frame_id: int) -> tuple[Any, str]:
+        """What a text file states of a frame, empty if nothing; and where."""
+        where = self.where(frame_id, name)
         if name == TRUTH and not self.annotated:
             raise MissingFileError(
                 f"there is no file {self._folder / name} with true poses to score against (BOP "
                 "keeps some private): set data.split to a folder that has them"
             )
         if name == _INFO and not (self._folder / name).is_file():
-            return []
-        return self._read(name).get(str(frame_id), {} if name == CAMERA else [])
-
-    def _stored(self, kind: Any, name: str, frame_id: int) -> Any:
-        return stored_as(kind, self._stated(name, frame_id), self.where(frame_id, name))
+            return [], where
+        return self._read(name).get(str(frame_id), {} if name == CAMERA else []), where
 
 
 def _pose(entry: schemas.TruthEntry, where: str) -> Pose:

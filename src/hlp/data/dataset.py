@@ -21,8 +21,6 @@ from hlp.patches.backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
 from hlp.settings import Registry
 
-_CHUNK = 1 << 20
-
 
 class FrameSource(Protocol):
     """An ordered set of RGB-D frames, loaded one at a time.
@@ -65,9 +63,7 @@ def content_hash(files: Iterable[Path], extra: str = "") -> str:
     for file in files:
         if os.access(file, os.R_OK):
             digest.update(f"\0{file.name}\0{file.stat().st_size}\0".encode())
-            with file.open("rb") as stream:
-                while chunk := stream.read(_CHUNK):
-                    digest.update(chunk)
+            digest.update(file.read_bytes())
     return digest.hexdigest()
 
 

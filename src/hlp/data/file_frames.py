@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt
 
 from hlp.arrays import CameraMatrix, Values
 from hlp.data.dataset import StatedTarget, TrainingImages, content_hash
-from hlp.data.frame_paths import count_video_frames, pair_frames
+from hlp.data.frame_paths import pair_frames
 from hlp.data.images import (
     depth_metres,
     image_size,
@@ -158,8 +158,7 @@ class RgbdFrames(FileFrames):
 
     @cached_property
     def _entries(self) -> dict[str, tuple[Path, Path]]:
-        folders = (str(self._root / kind) for kind in ("rgb", "depth"))
-        pairs = pair_frames(*folders, count_video_frames)
+        pairs = pair_frames(str(self._root / "rgb"), str(self._root / "depth"))
         return {frame_key(0, i): (pair.color, pair.depth) for i, pair in enumerate(pairs)}
 
     def identity(self) -> str:

@@ -9,7 +9,6 @@ from hlp.data.synthetic.scenes import (
     LINEMOD_CAMERA,
     SyntheticScenes,
     SyntheticSettings,
-    training_frames,
 )
 from hlp.records import Frame
 from hlp.rendering.rasterizer import render_depth
@@ -141,7 +140,7 @@ def test_identity_follows_settings_and_kind() -> None:
 
 
 def test_training_frames_hold_no_target() -> None:
-    frames = training_frames(count=3, seed=5)
+    frames = SyntheticScenes(SyntheticSettings(scenes=3, seed=5), targets=False)
     assert len(frames) == 3
     scene = frames.scene(frames.keys[0])
     assert all(item.object_id == 0 for item in scene.items)
