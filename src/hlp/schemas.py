@@ -16,7 +16,7 @@ from annotated_types import Ge, Le, Len
 from hlp.arrays import CameraMatrix, Image, Rotation, Vector
 from hlp.errors import DataError
 from hlp.geometry import nearest_rotation
-from hlp.settings import Count, Positive, SettingsError, Share, Stored, shown
+from hlp.settings import Count, Positive, Share, Stored
 
 ROTATION_TOLERANCE = 5e-3
 """Largest difference of a stated rotation's numbers from those of the nearest rotation.
@@ -41,8 +41,8 @@ def number(text: str) -> float:
     return float(text)
 
 
-def require_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> None:
-    """The numbers are those of a rotation, right-handed, up to rounding."""
+def exact_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> Rotation:
+    """The right-handed rotation whose rounded numbers these are."""
     left, sizes, right = np.linalg.svd(matrix)
     nearest = left @ right
     if np.abs(nearest - matrix).max() > tolerance:
@@ -54,11 +54,6 @@ def require_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_T
         raise DataError(
             f"{where} is not a rotation but a reflection: take a right-handed coordinate system"
         )
-
-
-def exact_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> Rotation:
-    """The rotation whose rounded numbers these are."""
-    require_rotation(matrix, where, tolerance)
     return nearest_rotation(matrix)
 
 
@@ -212,22 +207,6 @@ class ModelInfo(Stored):
     diameter: Positive | None = None
     symmetries_discrete: tuple[_Matrix4, ...] = ()
     symmetries_continuous: tuple[ContinuousSymmetry, ...] = ()
-
-
-@dataclass(frozen=True)
-class RunLengths(Stored):
-    """A mask: COCO's uncompressed run lengths, column by column, beginning with zeros."""
-
-    size: tuple[Count, Count]
-    counts: Any  # whole numbers: there are too many to check each by its type
-
-    def __post_init__(self) -> None:
-        """Raise SettingsError naming what is wrong."""
-        super().__post_init__()
-        counts = self.counts
-        if not isinstance(counts, list) or {*map(type, counts)} != {int} or min(counts) < 0:
-            problem = f"is {shown(counts)}: it must be a list of whole numbers from 0"
-            raise SettingsError("counts", problem)
 
 
 Scene = dict[str, Any]

@@ -112,7 +112,7 @@ def test_of_more_instances_the_most_visible_count_and_only_the_chosen_objects(ro
     assert stated(frames_of(root).load(SOUND).targets) == [(1, 0.9), (6, 0.7)]
     frames = frames_of(root, object_ids=[6])
     assert frames.keys == (SOUND,)
-    assert stated(frames.load(SOUND).targets) == stated(frames.stated_targets(SOUND)) == [(6, 0.7)]
+    assert stated(frames.load(SOUND).targets) == [*frames.stated_targets(SOUND)] == [(6, 0.7)]
     with pytest.raises(KeyError, match=BROKEN):
         frames.load(BROKEN)
     scene_file(root, "scene_gt_info.json").unlink()  # then nobody knows which is more visible
@@ -206,7 +206,10 @@ CASES = {
     "another size": (image("rgb/000012.png", np.zeros((30, 40, 3), np.uint8)), "40x30 but its"),
     "8 bits of depth": (image("depth/000012.png", np.ones((60, 80), np.uint8)), "16-bit"),
     "depth in colours": (image("depth/000012.png", np.ones((60, 80, 3), "u2")), "one channel"),
-    "no camera": (edited("scene_camera.json", lambda _: ...), "has no cam_K for frame 12"),
+    "no camera": (
+        edited("scene_camera.json", lambda _: ...),
+        "frame 12: cam_K is missing",
+    ),
     "no focal length": (camera(cam_K=[0.0, *K[1:]]), "focal lengths must be finite and positive"),
     "intrinsics of a larger image": (
         camera(cam_K=[2 * value for value in K[:8]] + [1]),
@@ -255,10 +258,10 @@ def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
 ) -> None:
     before = BopFrames(root, "test", "targets.json", models)
     stated, identity = before.stated_targets(BROKEN), before.identity()
-    assert [(target.object_id, target.visible_fraction) for target in stated] == [(1, 0.05)]
+    assert stated == ((1, 0.05),)
     CASES[case][0](root)
     after = BopFrames(root, "test", "targets.json", models)
-    assert [target.object_id for target in after.stated_targets(BROKEN)] == [1]
+    assert [object_id for object_id, _ in after.stated_targets(BROKEN)] == [1]
     assert after.identity() != identity
 
 

@@ -12,15 +12,15 @@ import pytest
 from PIL import Image
 
 from bad_input import Case, check, of_file, pixels
+from hlp.data import images
 from hlp.data.images import (
     depth_metres,
     find_image,
     guess_unit,
     image_size,
     list_photographs,
-    load_photographs,
+    photograph_crops,
     random_crops,
-    read_depth,
     read_raw_depth,
     read_rgb,
     require_same_size,
@@ -106,7 +106,7 @@ def test_what_means_missing_is_zero(tmp_path):
     raw = np.array([[np.nan, np.inf, -1.0, 0.0, 1.5]], np.float32)
     np.testing.assert_array_equal(depth_metres(raw, 1000.0, tmp_path), [[0, 0, 0, 0, 1.5]])
     path = write(tmp_path / "d.png", np.array([[0, 1000, 65535], [500, 1, 20000]], np.uint16))
-    depth = read_depth(path, 0.1)
+    depth = depth_metres(read_raw_depth(path), 0.1, path)
     assert depth.dtype == np.float32
     np.testing.assert_allclose(depth, [[0, 0.1, 0], [0.05, 0.0001, 2.0]], rtol=1e-6)
 
@@ -154,10 +154,6 @@ def depth_size(path: Path) -> object:
     return image_size(path, 50.0, depth=True)
 
 
-def millimetres(path: Path) -> object:
-    return read_depth(path, 1.0)
-
-
 PNG = cv2.imencode(".png", NOISE)[1].tobytes()
 
 
@@ -190,14 +186,11 @@ CASES: dict[str, Case] = {
     "bomb": (of_file(size, "a.png", stated_size(60_000)), "raise data.max_megapixels"),
     "depth header of 8 bits": (pixels(depth_size, "a.png", GREY), "16-bit PNG of one channel"),
     "depth header of colours": (of_file(depth_size, "a.png", PNG), "16-bit PNG of one channel"),
-    "depth of 8 bits": (pixels(millimetres, "a.png", GREY), "16-bit PNG of one channel"),
-    "depth in colours": (of_file(millimetres, "a.png", PNG), "16-bit PNG of one channel"),
-    "depth of zeros": (pixels(millimetres, "a.png", DEPTH * 0), "no depth at any pixel"),
-    "depth saturated": (pixels(millimetres, "a.png", DEPTH * 0 + 65535), "no depth at any pixel"),
     "own depth of 8 bits": (pixels(own, "a.png", GREY), "16-bit numbers"),
     "own depth in colours": (pixels(own, "a.png", np.dstack([DEPTH] * 3)), "one channel of 16"),
     "own depth in one row": (of_file(own, "a.npy", npy("(8,)", np.ones(8))), "one channel of 16"),
     "own depth of zeros": (pixels(own, "a.png", DEPTH * 0), "no depth at any pixel"),
+    "own depth saturated": (pixels(own, "a.png", DEPTH * 0 + 65535), "no depth at any pixel"),
     "own depth without a unit": (pixels(guessed, "a.png", DEPTH * 0), "no depth at any pixel"),
     "own depth nearby": (pixels(own, "a.png", DEPTH * 0 + 3), "or is depth_scale"),
     "own depth far away": (pixels(own, "a.png", DEPTH * 60), "or is depth_scale"),
@@ -252,14 +245,16 @@ def test_no_folder_and_no_pictures_are_errors(tmp_path):
         list_photographs(tmp_path)
 
 
-def test_loading_shrinks_and_spreads_over_the_list(tmp_path):
+def test_loading_shrinks_and_spreads_over_the_list(tmp_path, monkeypatch):
+    """Four of ten pictures, whose brightness says which, at a third of their size."""
     for number in range(10):
         _save(tmp_path / f"{number}.png", np.full((60, 120, 3), number * 20, np.uint8))
-    images = load_photographs(list_photographs(tmp_path), limit=4, long_side=40)
-    assert [image.shape for image in images] == [(20, 40, 3)] * 4
-    assert [int(image[0, 0, 0]) // 20 for image in images] == [0, 3, 6, 9]
-    (whole,) = load_photographs(list_photographs(tmp_path)[:1], limit=4, long_side=400)
-    assert whole.shape == (60, 120, 3)
+    monkeypatch.setattr(images, "_MOST", 4)
+    monkeypatch.setattr(images, "_LONG_SIDE", 40)
+    crops = photograph_crops(tmp_path, 50, 20, np.random.default_rng(0))
+    assert {int(crop[0, 0, 0]) // 20 for crop in crops} == {0, 3, 6, 9}
+    assert images._shrink(_picture(60, 120)).shape == (20, 40, 3)
+    assert images._shrink(_picture(20, 30)).shape == (20, 30, 3)
 
 
 def test_crops_are_square_windows_of_the_pictures():

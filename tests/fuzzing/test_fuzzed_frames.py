@@ -13,11 +13,10 @@ from spoiled_files import is_clean, spoiled
 
 from hlp import schemas
 from hlp.data.bop_models import name_objects, symmetry_motions
-from hlp.data.bop_scenes import Scene, list_scenes
-from hlp.data.bop_targets import annotated_targets, list_targets, most_visible
+from hlp.data.bop_scenes import list_scenes, list_targets, most_visible
 from hlp.data.camera_files import read_camera
 from hlp.data.file_frames import read_numbers
-from hlp.data.linemod import read_dpt
+from hlp.data.images import read_raw_depth
 from hlp.data.ycbineoat import read_pose
 from hlp.errors import DataError
 from hlp.schemas import camera_matrix
@@ -40,7 +39,6 @@ MODELS = {
     },
     "6": {"diameter": 90},
 }
-MASKS = {"0": {"counts": [3, 4, 5], "size": [3, 4]}}
 
 
 def written(value: Any) -> bytes:
@@ -53,8 +51,7 @@ def read_scene(folder: Path) -> None:
     for frame in (0, 12):
         scene = scenes[6]
         camera_matrix(scene.camera(frame).cam_K, f"{folder}/scene_camera.json", (80, 60))
-        where = f"{folder}/scene_gt.json, frame {frame}"
-        most_visible(annotated_targets(scene, frame, where), {1: 1}, where)
+        most_visible(scene.targets(frame), {1: 1}, scene.where(frame))
 
 
 @pytest.mark.parametrize("name", SCENE)
@@ -70,14 +67,6 @@ def test_scenes(tmp_path: Path, name: str, data: st.DataObject) -> None:
     is_clean(lambda: read_scene(folder), folder / name)
     # Which frames there are is known whatever stands in them.
     is_clean(lambda: list_targets(list_scenes(folder.parent), None, 0.1), folder / name)
-
-
-@given(spoiled(written(MASKS)))
-def test_masks(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "000006_000000.mask_visib.json"
-    path.write_bytes(content)
-    scene = Scene(tmp_path, 6)
-    is_clean(lambda: scene.visible_mask(0, 0), path)
 
 
 @given(spoiled(written(TARGETS)))
@@ -156,7 +145,7 @@ def test_intrinsics(tmp_path: Path, name: str, data: st.DataObject) -> None:
 DPT = np.array([3, 4], "<i4").tobytes() + np.arange(12, dtype="<u2").tobytes()
 ROT = b"3 3\n1 0 0\n0 1 0\n0 0 1\n"
 NUMBERS: dict[str, tuple[bytes, Callable[[Path], np.ndarray]]] = {
-    "depth0.dpt": (DPT, lambda path: read_dpt(path)),
+    "depth0.dpt": (DPT, lambda path: read_raw_depth(path)),
     "rot0.rot": (ROT, lambda path: read_numbers(path, 9, 1)),
     "tra0.tra": (b"1 3\n1.5\n-2\n100\n", lambda path: read_numbers(path, 3, 1)),
     "0000.txt": (b"1 0 0 0.1\n0 1 0 0.2\n0 0 1 0.9\n0 0 0 1\n", read_pose),
@@ -179,7 +168,7 @@ def test_sizes_that_a_dpt_states(tmp_path: Path, rows: int, columns: int, length
     path = tmp_path / "depth0.dpt"
     path.write_bytes(np.array([rows, columns], "<i4").tobytes() + b"\1" * length)
     if rows > 0 and columns > 0 and 2 * rows * columns == length:
-        assert read_dpt(path).shape == (rows, columns)
+        assert read_raw_depth(path).shape == (rows, columns)
     else:
         with pytest.raises(DataError, match=r"depth0\.dpt is truncated"):
-            read_dpt(path)
+            read_raw_depth(path)

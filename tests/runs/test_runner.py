@@ -25,7 +25,7 @@ class Frames:
 
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
         assert key == KEYS[1]
-        return (StatedTarget(1, 0.4), StatedTarget(1))
+        return ((1, 0.4), (1, float("nan")))
 
 
 def run_of() -> Any:

@@ -18,7 +18,6 @@ from fake_detection import (
     fake_dataset,
     method_settings,
 )
-from hlp.data.dataset import StatedTarget
 from hlp.errors import DataError, MissingFileError
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.find.trace import STAGES, STEPS
@@ -228,7 +227,7 @@ class BreakingFrames(CountedFrames):
         """Nothing is seen without decoding."""
 
     def stated_targets(self, key):
-        return (StatedTarget(3),)
+        return ((3, float("nan")),)
 
 
 def assert_same(stages, sound):

@@ -186,16 +186,16 @@ def with_failed_frames(
     lost = [
         TargetScore(
             *parse_frame_key(key),
-            target.object_id,
+            object_id,
             found=False,
-            visible_fraction=target.visible_fraction,
+            visible_fraction=visible_fraction,
             mssd_recall=0.0,
             mspd_recall=0.0,
             vsd_recall=0.0,
             cause=BAD_FRAME,
         )
         for key in failed
-        for target in source.stated_targets(key)
+        for object_id, visible_fraction in source.stated_targets(key)
     ]
     place = {key: number for number, key in enumerate(run.keys)}
     return sorted([*scores, *lost], key=lambda s: place[frame_key(s.scene_id, s.frame_id)])

@@ -3,14 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.data.dataset import VisibleMasks
 from hlp.data.synthetic import scenes as synthetic_scenes
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import (
     LINEMOD_CAMERA,
     SyntheticScenes,
     SyntheticSettings,
-    training_frames,
 )
 from hlp.records import Frame
 from hlp.rendering.rasterizer import render_depth
@@ -87,7 +85,6 @@ def test_visible_masks_show_the_targets_as_much_as_they_are_visible(
     source: SyntheticScenes,
 ) -> None:
     """Inside a mask the object is what is seen: its own rendering has the noiseless depth."""
-    assert isinstance(source, VisibleMasks)
     models = demo_objects()
     frame = source.load(source.keys[1])
     depth = source.scene(frame.key).depth
@@ -143,7 +140,7 @@ def test_identity_follows_settings_and_kind() -> None:
 
 
 def test_training_frames_hold_no_target() -> None:
-    frames = training_frames(count=3, seed=5)
+    frames = SyntheticScenes(SyntheticSettings(scenes=3, seed=5), targets=False)
     assert len(frames) == 3
     scene = frames.scene(frames.keys[0])
     assert all(item.object_id == 0 for item in scene.items)
