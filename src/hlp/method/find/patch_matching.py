@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import is_joint
 from hlp.kernels import ThreadTeam
-from hlp.method.find.trace import NOBODY, Observer
+from hlp.method.find.trace import Observer, nobody
 from hlp.method.settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
@@ -149,7 +149,7 @@ class FrameMatches:
     object first needs it. Several threads may ask for patches at once.
     """
 
-    def __init__(self, matching: PatchMatching, frame: Frame, observer: Observer = NOBODY) -> None:
+    def __init__(self, matching: PatchMatching, frame: Frame, observer: Observer = nobody) -> None:
         self._matching, self._frame, self._observer = matching, frame, observer
         self._known: dict[SearchGroup, _Known] = {}
         self._lock = threading.Lock()
@@ -175,7 +175,7 @@ class FrameMatches:
     ) -> tuple[LocalPatches, Matches]:
         frame, settings = self._frame, self._matching.settings.coarse
         encoder = self._matching.encoder()
-        self._observer.enter("cut")
+        self._observer("cut")
         cut = cut_local_patches(
             frame.rgb,
             frame.depth,
@@ -187,9 +187,9 @@ class FrameMatches:
             encoder.sees_color,
             settings.grid.min_plane_deviation,
         )
-        self._observer.enter("encode")
+        self._observer("encode")
         features = encoder.encode(cut)
-        self._observer.enter("search")
+        self._observer("search")
         return cut, group.search.search(features)
 
     def _look_up_by_threads(

@@ -68,22 +68,24 @@ def write_model(folder: Path, model: ObjectModel) -> None:
 def read_model(folder: Path) -> ObjectModel:
     """Read what `write_model` wrote. Raises MissingFileError, DataError naming a damaged file."""
     stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
-    stored = read_npz(folder / _MODEL)
+    stored: dict[str, Any] = read_npz(folder / _MODEL)
     try:
-        meshes = []
-        for part in ("mesh", "proxy"):
-            vertices, faces, colors, normals = (stored[f"{part}_{f}"] for f in _MESH_FIELDS)
-            meshes.append(Mesh(vertices, faces, colors, normals, colored=stated.colored))
-        mesh, proxy = meshes
+        mesh, proxy = (
+            Mesh(
+                **{name: stored[f"{part}_{name}"] for name in _MESH_FIELDS}, colored=stated.colored
+            )
+            for part in ("mesh", "proxy")
+        )
         if "mesh_uv" in stored:
             mesh = replace(mesh, texture=_read_texture(folder / _TEXTURE, stored["mesh_uv"]))
-        if (folder / _COLORS).is_file():  # no grey object has it, nor one that was learnt long ago
+        if (folder / _COLORS).is_file():  # no grey object has it
             cells = read_npz(folder / _COLORS)
             grid = ColorGrid(cells["colors"], cells["corner"], float(cells["cell"]))
             mesh = replace(mesh, color_grid=grid)
-        sizes = stated.holistic_size, stated.local_size
-        rest = stored["symmetries"], *sizes, stored["near_symmetries"]
-        return ObjectModel(stated.id, stated.name, mesh, proxy, stated.diameter, *rest)
+        return ObjectModel(
+            stated.id, stated.name, mesh, proxy, stated.diameter, stored["symmetries"],
+            stated.holistic_size, stated.local_size, stored["near_symmetries"],
+        )  # fmt: skip
     except DataError:  # it names the file
         raise
     except (KeyError, TypeError, ValueError) as error:
