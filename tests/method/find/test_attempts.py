@@ -123,9 +123,7 @@ def test_nothing_is_looked_for_beside_what_is_unlikely_coloured_or_all(
     assert estimator.asked == [] and found_places(tried) == [0]
 
 
-def test_some_more_are_tried_where_the_number_is_not_known_whatever_the_score_of_the_first(
-    verifier,
-):
+def test_where_the_number_is_not_known_some_more_are_tried_whatever_the_first_scores(verifier):
     context = frame(verifier, WHITE, WHITE)
     for templates, asked in ((True, (3, None)), (False, (20, 0.5))):
         estimator = Scores(verifier, [0.0] * 4, templates)
