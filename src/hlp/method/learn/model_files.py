@@ -1,6 +1,5 @@
 """What is learnt of an object and of all as files: models, networks' weights, histories."""
 
-import csv
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from annotated_types import Ge, Gt
 from jaxtyping import Float
 
 from hlp.errors import DataError
-from hlp.files import read_json, read_npz, write_json
+from hlp.files import read_json, read_npz, read_table, write_json
 from hlp.method.settings import MachineSettings
 from hlp.models.network import Network, load_network
 from hlp.records import ColorGrid, Mesh, ObjectModel, Texture
@@ -128,12 +127,8 @@ def read_history(folder: Path) -> list[dict[str, float]]:
     path = folder / HISTORY
     if not path.exists():
         return []
-    rows: list[dict[str, float]] = []
+    _, rows = read_table(path, ["epoch"])
     try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            for row in csv.DictReader(stream):
-                rows.append({name: float(value) for name, value in row.items()})
-    except (ValueError, TypeError, csv.Error) as error:
-        where = f"{path}, line {len(rows) + 2}"
-        raise DataError(f"{where}: no metrics of an epoch ({error})") from error
-    return rows
+        return [{name: float(value) for name, value in row.items()} for row in rows]
+    except (ValueError, TypeError) as error:
+        raise DataError(f"{path}: no metrics of an epoch ({error})") from error
