@@ -104,5 +104,6 @@ def test_what_is_masked_or_no_distance_is_missing():
     marked = np.ma.masked_array(DEPTH.astype(np.float64), mask=np.zeros(DEPTH.shape, bool))
     marked[3, 4] = np.ma.masked
     marked[5, 6] = 1e300  # infinite in single precision
+    marked[7, 8] = np.nan
     missing = np.argwhere(checked_frame(RGB, marked, K).depth == 0.0).tolist()
-    assert missing == [[3, 4], [5, 6]]
+    assert missing == [[3, 4], [5, 6], [7, 8]]
