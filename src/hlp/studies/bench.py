@@ -178,7 +178,7 @@ def _detect_all(
     found = []
     clock, context = PartClock(), None
     for place, object_id in enumerate(object_ids):
-        context = estimator.prepare(frame, observer=clock) if context is None else context
+        context = estimator.prepare(frame, observer=clock.enter) if context is None else context
         trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
         spent, refined = clock.stop(), trace.refined
         assert trace.region is not None

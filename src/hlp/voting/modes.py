@@ -14,7 +14,8 @@ from hlp.records import Hypotheses, Votes
 from hlp.settings import Count, Doc, NotNegative, Positive, Registry, Settings
 from hlp.voting.mean_shift import find_modes
 
-Quaternions = Float[np.ndarray, "n 4"]
+Sample = tuple[Points, Float[np.ndarray, "n 4"], Values]
+"""Centroids (m), quaternions and weights of votes."""
 Modes = tuple[Float[np.ndarray, "m 7"], Values]
 """Centroids (m) with quaternions, and the weight of the votes that agree with each."""
 
@@ -84,9 +85,7 @@ class MeanShiftSettings(Settings):
         """Of half the kernel radius for rotations: the least |dot product| of quaternions."""
         return float(np.cos(np.deg2rad(self.rotation_deg) / 2.0))
 
-    def modes(
-        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
-    ) -> Modes:
+    def modes(self, votes: Sample, team: ThreadTeam) -> Modes:
         """The modes of some votes, best first. The team does not affect results."""
         raise NotImplementedError
 
@@ -105,10 +104,9 @@ class PaperVotingSettings(MeanShiftSettings):
 
     name: Literal["paper"] = "paper"
 
-    def modes(
-        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
-    ) -> Modes:
+    def modes(self, votes: Sample, team: ThreadTeam) -> Modes:
         """One: the mode of translations and that of rotations with most votes."""
+        centroids, quats, weights = votes
         squares = (centroids**2).sum(axis=1)
         squared = squares[:, None] + squares - 2.0 * centroids @ centroids.T
         support = (squared <= self.radius**2) @ weights
@@ -141,12 +139,11 @@ class SequentialVotingSettings(MeanShiftSettings):
         Doc("largest number of translations, of rotations at each, and of coarse poses (P: 1)"),
     ] = 1
 
-    def modes(
-        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
-    ) -> Modes:
+    def modes(self, votes: Sample, team: ThreadTeam) -> Modes:
         """Up to `hypotheses`, those with most votes that agree in both, most first."""
+        centroids, quats, weights = votes
         limits = self.mean_shift_iterations, self.hypotheses, team
-        places, _ = find_modes(centroids, quats, weights, self.radius**2, 0.0, *limits)
+        places, _ = find_modes(*votes, self.radius**2, 0.0, *limits)
         found, supports = [], []
         for place in places:
             distances = np.linalg.norm(centroids - place[:3], axis=1)
@@ -187,12 +184,10 @@ class JointVotingSettings(MeanShiftSettings):
         Count, Doc("largest number of coarse poses; refinement takes the best fits (D; P: 1)")
     ] = 60
 
-    def modes(
-        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
-    ) -> Modes:
+    def modes(self, votes: Sample, team: ThreadTeam) -> Modes:
         """Up to `hypotheses`, started from votes of high support."""
         limits = self.mean_shift_iterations, self.hypotheses, team
-        return find_modes(centroids, quats, weights, self.radius**2, self.cosine, *limits)
+        return find_modes(*votes, self.radius**2, self.cosine, *limits)
 
 
 class MeanShiftModes:
@@ -208,8 +203,7 @@ class MeanShiftModes:
             return Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
         rows = np.argsort(-votes.weights, kind="stable")[: self.settings.max_votes]
         quats = quaternions(votes.rotations_cam_obj[rows])
-        means, support = self.settings.modes(
-            votes.centroids_cam[rows], quats, votes.weights[rows], self._team
-        )
+        heaviest = votes.centroids_cam[rows], quats, votes.weights[rows]
+        means, support = self.settings.modes(heaviest, self._team)
         rotations = rotation_matrices(means[:, 3:])
         return Hypotheses(rigid(rotations, means[:, :3] - rotations @ centroid_obj), support)

@@ -6,9 +6,7 @@ What one pose explains supports no other.
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
-import numpy as np
-from jaxtyping import Float
-
+from hlp.arrays import Pose
 from hlp.method.find.attempts import Attempts, CoarsePoses, Unexplained
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.records import Hypotheses, Region
@@ -16,7 +14,6 @@ from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.score_model import MIN_SCORE, SURE
 from hlp.refinement.verification import Observation
 
-Pose = Float[np.ndarray, "4 4"]
 Found = dict[int, RefinedHypotheses | None]
 """What stage 3 found, by object id; None where there was no hypothesis."""
 SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]

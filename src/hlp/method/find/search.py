@@ -1,7 +1,7 @@
 """The search for objects in one frame, stage by stage: everything that finds objects uses it."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,16 +68,19 @@ class _FrameSearch:
     fallback: bool
     by_threads: bool
 
-    @property
-    def team(self) -> ThreadTeam:
-        return self.estimator.team if self.by_threads else _CALLER
+    def _each(
+        self, object_ids: Sequence[int], work: Callable[[int], ObjectTrace]
+    ) -> dict[int, ObjectTrace]:
+        """What is done with each object, by the threads."""
+        team = self.estimator.team if self.by_threads else _CALLER
+        done = team.map(lambda place: work(object_ids[place]), len(object_ids))
+        return dict(zip(object_ids, done, strict=True))
 
     def find_regions(self, given: Trace, shared: float) -> dict[int, ObjectTrace]:
         """Stage 1 (paper, section 3.1). `shared` seconds were spent for all objects before."""
-        ids = list(self.counts)
 
-        def find(number: int) -> ObjectTrace:
-            begun, object_id = time.perf_counter(), ids[number]
+        def find(object_id: int) -> ObjectTrace:
+            begun = time.perf_counter()
             if object_id in given:
                 return given[object_id]
             # Where their number is known, instances that one look has missed are looked for anew.
@@ -85,34 +88,33 @@ class _FrameSearch:
             region = self.estimator.find_region(self.context, object_id, instances)
             return ObjectTrace(region, seconds={"holistic": time.perf_counter() - begun})
 
-        traces = dict(zip(ids, self.team.map(find, len(ids)), strict=True))
-        return _with_more_for_first(traces, shared)
+        return _with_more_for_first(self._each([*self.counts], find), shared)
 
     def find_poses(self, traces: dict[int, ObjectTrace], last: Stage) -> dict[int, ObjectTrace]:
         """Stages 2 and 3 of each object, as if it were alone; stage 2 alone if that is the last."""
-        ids = order = list(traces)
+        order = list(traces)
         if self.by_threads:
             begun = time.perf_counter()
             self.estimator.share_patches(self.context, map(_region, traces.values()))
             traces = _with_more_for_first(traces, time.perf_counter() - begun)
             # Objects that the classifier is least sure of take longest: no thread then waits long
             # for the others at the end of the frame.
-            order = sorted(ids, key=lambda object_id: _evidence(_region(traces[object_id])))
+            order = sorted(order, key=lambda object_id: _evidence(_region(traces[object_id])))
 
-        def find(place: int) -> ObjectTrace:
-            trace = traces[order[place]]
+        def find(object_id: int) -> ObjectTrace:
+            trace = traces[object_id]
             if trace.hypotheses is None:  # stage 2 (section 3.2)
                 found = self.estimator.find_hypotheses(self.context, _region(trace))
                 trace = replace(found, seconds={**trace.seconds, **found.seconds})
             if last == "hypotheses":
                 return trace
             begun = time.perf_counter()
-            refined = self._find_instances(order[place], trace, self.unexplained)
+            refined = self._find_instances(object_id, trace, self.unexplained)
             spent = {**trace.seconds, "refinement": time.perf_counter() - begun}
             return replace(trace, refined=refined, seconds=spent)
 
-        found = dict(zip(order, self.team.map(find, len(ids)), strict=True))
-        return {object_id: found[object_id] for object_id in ids}
+        found = self._each(order, find)
+        return {object_id: found[object_id] for object_id in traces}
 
     def _find_instances(
         self, object_id: int, trace: ObjectTrace, unexplained: Observation | None
@@ -125,7 +127,7 @@ class _FrameSearch:
 
     def settle(self, traces: dict[int, ObjectTrace]) -> dict[int, ObjectTrace]:
         """Objects compete for pixels; then the fit of each instance that is left is measured."""
-        begun, ids = time.perf_counter(), list(traces)
+        begun = time.perf_counter()
         found = resolve_conflicts(
             self.estimator,
             self.context,
@@ -134,10 +136,10 @@ class _FrameSearch:
             self.min_score,
             self.unexplained,
         )
-        share = (time.perf_counter() - begun) / max(len(ids), 1)
+        share = (time.perf_counter() - begun) / max(len(traces), 1)
 
-        def measure(number: int) -> ObjectTrace:
-            begun, object_id = time.perf_counter(), ids[number]
+        def measure(object_id: int) -> ObjectTrace:
+            begun = time.perf_counter()
             refined, spent = found[object_id], traces[object_id].seconds
             poses = () if refined is None else refined.chosen_poses
             fits = (self.estimator.measure_fit(self.context, object_id, pose) for pose in poses)
@@ -145,7 +147,7 @@ class _FrameSearch:
             more = spent["refinement"] + share + time.perf_counter() - begun
             return replace(measured, seconds={**spent, "refinement": more})
 
-        return dict(zip(ids, self.team.map(measure, len(ids)), strict=True))
+        return self._each([*traces], measure)
 
 
 def _region(trace: ObjectTrace) -> Region:

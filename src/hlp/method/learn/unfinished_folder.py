@@ -6,7 +6,7 @@ import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -145,19 +145,16 @@ def finish(partial: Path, record: LearntRecord) -> None:
     write_record(partial, replace(record, files=folder_checksums(partial, leaving_out=(RECORD,))))
 
 
-@contextmanager
-def once(folder: Path, marker: str = _DONE) -> Iterator[bool]:
-    """Whether a folder's content must still be made. The end of the block marks it as made.
+def once(folder: Path, make: Callable[[Path], None], marker: str = _DONE) -> None:
+    """Make a folder's content, unless it was made before.
 
     The marker holds the checksums of the files: if one is damaged, the content is made again.
     """
     made = _read_json_or_none(folder / marker)
-    if seal_is_whole(made) and not any(find_damaged(folder, made["files"])):
-        yield False
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    yield True
-    write_json(folder / marker, sealed({"files": folder_checksums(folder)}))
+    if not seal_is_whole(made) or any(find_damaged(folder, made["files"])):
+        folder.mkdir(parents=True, exist_ok=True)
+        make(folder)
+        write_json(folder / marker, sealed({"files": folder_checksums(folder)}))
 
 
 def _read_json_or_none(path: Path) -> Any:
