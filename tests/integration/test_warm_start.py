@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from hlp.method.learn.model_files import read_history, read_weights
-from hlp.models.classifier_training import HolisticCNN
+from hlp.models.network_training import HolisticCNN
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.stages.warm_start import WarmStartSettings

@@ -241,13 +241,6 @@ def test_hemisphere_is_the_upper_half_of_an_even_sphere(count):
     assert coulomb_energy(whole) < 1.05 * coulomb_energy(thomson(2 * count, seed=1))
 
 
-def test_too_few_viewpoints_are_refused():
-    with pytest.raises(ValueError, match="at least 1"):
-        thomson(0, seed=0)
-    with pytest.raises(ValueError, match="at least 1"):
-        hemisphere(0, seed=0)
-
-
 def test_cameras_look_at_the_object_the_right_way_up():
     viewpoints = thomson(30, seed=2)
     rotations = view_rotations(viewpoints, np.zeros(1))

@@ -113,10 +113,8 @@ class NetworkEncoder:
 
     def encode(self, patches: LocalPatches) -> Features:
         """Features (n, d) float32 of n patches."""
-        if len(patches) == 0:
-            return np.zeros((0, self.network.outputs), dtype=np.float32)
         images = patch_input(patches, self.kind)
-        starts = range(0, len(images), _CHUNK)
+        starts = range(0, max(len(images), 1), _CHUNK)
         features = np.concatenate([self.network.run(images[i : i + _CHUNK]) for i in starts])
         if self.unit_length:
             norms = np.linalg.norm(features, axis=1, keepdims=True)

@@ -176,12 +176,7 @@ def _view_windows(
     size = np.where(wrong_scale, np.where(far_scale, other, stretched), size)
     windows = Windows(pixels.astype(np.float64), z, focal * size / z)
     rgb = bleed_color(np.asarray(views.rgb[index]), depth > 0)
-    singles = [windows.at(slice(i, i + 1)) for i in range(count)]
-    cuts = [
-        cut_windows(rgb, depth, single, float(own), resolution)
-        for single, own in zip(singles, size, strict=True)
-    ]
-    color, code = (np.concatenate(parts) for parts in zip(*cuts, strict=True))
+    color, code = cut_windows(rgb, depth, windows, size[:, None, None], resolution)
     labels = np.where(off_center | wrong_scale, BACKGROUND, label)
     return HolisticPool(color, code, code < 255, labels.astype(np.int64))
 

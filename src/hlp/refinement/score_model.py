@@ -17,9 +17,9 @@ from jaxtyping import Float
 
 from hlp.arrays import Flags
 from hlp.errors import DataError, MissingFileError
-from hlp.files import read_json, write_json
+from hlp.files import write_json
 from hlp.refinement.pose_fit import PoseFit
-from hlp.settings import Stored, stored_as
+from hlp.settings import Stored, read_as
 
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
@@ -177,20 +177,10 @@ def save_score_model(folder: Path, model: ScoreModel) -> None:
 
 def load_score_model(folder: Path) -> ScoreModel:
     """Read what `save_score_model` wrote. Raises MissingFileError and DataError naming the file."""
-    path = folder / _FILE
-    if not path.is_file():
-        raise MissingFileError(f"{path} is missing: learn the object again")
     try:
-        content = read_json(path)
-        if isinstance(content, dict):
-            content = {"edge": 0.0, "hidden": 0.0, **content}  # 0.2.0 had none
-        stated = stored_as(_Weights, content, str(path))
-    except DataError as error:
-        raise DataError(f"{error}: it is damaged, learn the object again") from error
-    weights = [stated.bias, stated.cost, stated.shape, stated.edge, stated.hidden]
-    if not np.isfinite(weights).all():
-        raise DataError(f"{path} is damaged (not finite): learn the object again")
-    return ScoreModel(*weights)
+        return ScoreModel(**vars(read_as(folder / _FILE, _Weights)))
+    except (DataError, MissingFileError) as error:
+        raise type(error)(f"{error}: learn the object again") from error
 
 
 def _logit(share: float) -> float:

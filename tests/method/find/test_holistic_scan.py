@@ -6,8 +6,8 @@ import torch
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
-from hlp.models.classifier_training import HolisticCNN
 from hlp.models.network import load_network
+from hlp.models.network_training import HolisticCNN
 from hlp.models.onnx_export import export_network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, cut_windows, metric_windows
 from hlp.records import Frame

@@ -47,8 +47,6 @@ def calibrate_score(
     found = list(search_scenes(estimator, object_id, backgrounds, scenes, rendering))
     colored = estimator.learnt.models[object_id].mesh.colored
     prior, spread = prior_of(colored), SPREAD if colored else COLORLESS_SPREAD
-    if not found:
-        return prior
     right = np.array([is_right for _, is_right in found], dtype=bool)
     return fit_score_model([fit for fit, _ in found], right, prior, spread)
 
