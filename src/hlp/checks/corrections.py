@@ -77,7 +77,7 @@ class Correction:
         return Finding(kind, where, f"{problem}: {because}", advice)
 
 
-EXCHANGED = Correction(exchanged=True)
+UNCHANGED, EXCHANGED = Correction(), Correction(exchanged=True)
 ROWS = (
     tuple(Correction(depth=factor) for factor in (0.9, 0.5, 0.25, 0.125, 0.1)),
     tuple(Correction(depth=factor) for factor in (1.0 / 0.9, 2.0, 4.0, 8.0, 10.0)),

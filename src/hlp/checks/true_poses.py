@@ -12,7 +12,7 @@ import numpy as np
 
 from hlp.arrays import Pose
 from hlp.checks import Finding
-from hlp.checks.corrections import Correction, check_gains
+from hlp.checks.corrections import UNCHANGED, Correction, check_gains
 from hlp.checks.known_objects import exchange_gain
 from hlp.checks.registration import Registration, find_registration
 from hlp.geometry import inverse, rigid
@@ -55,7 +55,7 @@ class Fault:
     kind: str
     problem: str
     advice: str
-    correction: Correction = Correction()
+    correction: Correction = UNCHANGED
     change: Callable[[Pose], Pose] = np.copy
     mesh: float = 1.0
     most: float = 1.0
