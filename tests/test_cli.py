@@ -93,6 +93,15 @@ def test_the_default_run_is_the_demo(folder: Path, capsys: Said) -> None:
     assert (output / ".hydra" / "config.yaml").is_file()
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_log_that_cannot_be_written_is_silent(folder: Path, capsys: Said) -> None:
+    main(["run", "hydra.job_logging.handlers.file.filename=/dev/full", "output=out"])
+    assert "running 0\n" in capsys.readouterr().out and seen(folder / "out")
+    (file,) = (each for each in logging.getLogger().handlers if each.get_name() == "file")
+    with pytest.raises(OSError, match="No space left"):
+        file.close()
+
+
 def test_bench_is_a_task_of_its_own_on_the_same_data(folder: Path) -> None:
     main(["bench", "experiment=table1", "frames=3", "output=out"])
     config = seen(folder / "out")

@@ -138,9 +138,7 @@ _PLACES = ("mesh", "names", "output", "name", "work")
 def learn(arguments: Sequence[str]) -> None:
     """Learn the objects and say where they are."""
     given = own.split_arguments(arguments)
-    own.check_mistyped(given, _PLACES, ["mesh"], "learn")
-    if "mesh" not in given:
-        raise InputError("mesh is not set: give mesh=FILE, see `hlp learn --help`")
+    own.need(given, ["mesh"], _PLACES, "learn")
     if "output" in given and "name" in given:
         raise InputError("output and name: give one of them")
     request = learning_request(given, own.text_list(given["mesh"]), _PLACES)

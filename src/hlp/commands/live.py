@@ -1,15 +1,12 @@
 """`hlp live`: poses of learnt objects in the images of a camera, as they come."""
 
 import json
-import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from functools import partial
 from typing import Any
 
 from hlp.commands import arguments as own
-from hlp.commands.ending import INTERRUPTED, TERMINATED, TerminatedError
 from hlp.data.cameras import (
     Camera,
     FolderCamera,
@@ -58,14 +55,12 @@ def live(arguments: Sequence[str]) -> None:
             stack.callback(pictures.close)
             if pictures.address is not None:
                 print(f"Page  {pictures.address}", file=sys.stderr)
-        _answer(partial(answering.live, detector, camera, options, pictures=pictures))
+        answering.live(detector, camera, options, _print_line, pictures)
 
 
 def _options(given: Mapping[str, str]) -> LiveOptions:
     """How to answer. Raises InputError for a key that is missing, or that the source lacks."""
-    for key in ("source", "learnt"):
-        if key not in given:
-            raise InputError(f"{key} is not set: give {key}=…, see `hlp live --help`")
+    own.need(given, ("source", "learnt"), _COMMON, "live")
     source, keys = given["source"], own.field_names(LiveOptions)
     if source not in _SOURCES and ".py:" not in source:
         raise InputError(
@@ -86,19 +81,5 @@ def _camera(given: Mapping[str, str]) -> Camera:
     return camera(own.read_group(settings, given))
 
 
-def _answer(follow: Callable[[Callable[[Line], None]], None]) -> None:
-    """Print each line at once, until the images end, Ctrl-C, or nobody reads them any more."""
-    images = 0
-
-    def answer(line: Line) -> None:
-        nonlocal images
-        print(json.dumps(line), flush=True)
-        images += "image" in line
-
-    try:
-        follow(answer)
-    except KeyboardInterrupt as error:
-        print(f"hlp: stopped after {images} images", file=sys.stderr)
-        sys.exit(TERMINATED if isinstance(error, TerminatedError) else INTERRUPTED)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _print_line(line: Line) -> None:
+    print(json.dumps(line), flush=True)

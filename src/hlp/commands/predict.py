@@ -24,7 +24,11 @@ def predict(arguments: Sequence[str]) -> None:
     """Find the objects in every frame, after learning one unless that was done before."""
     given = with_frames(own.split_arguments(arguments))
     known = [*own.field_names(FrameFiles), *_OTHER, *_OPTIONS]
-    _check_keys(given, known)
+    if "learnt" in given and "model" in given:
+        raise InputError("learnt and model: give one of them")
+    own.need(given, ["learnt", *_NEEDED] if "model" not in given else _NEEDED, known, "predict")
+    if "learnt" in given:  # with a model, further keys are those of learning
+        own.check_known(given, known, "predict")
     frames = OwnFrames(own.read_group(FrameFiles, given))
     masks, options = own.search_masks(given), _options(given)
     default = Path("outputs", "predict", time.strftime("%Y-%m-%d_%H-%M-%S"))
@@ -41,28 +45,12 @@ def predict(arguments: Sequence[str]) -> None:
         print(f"Pictures  {output / 'panels'}")
 
 
-def _check_keys(given: Mapping[str, str], known: Sequence[str]) -> None:
-    """Raise InputError for a key that is missing, mistyped or, with `learnt`, unknown."""
-    either = [] if "learnt" in given or "model" in given else ["learnt", "model"]
-    own.check_mistyped(given, known, [*either, *_NEEDED], "predict")
-    if ("learnt" in given) == ("model" in given):
-        raise InputError("give learnt=FOLDER or model=FILE, see `hlp predict --help`")
-    for key in _NEEDED:
-        if key not in given:
-            raise InputError(f"{key} is not set: give {key}=…, see `hlp predict --help`")
-    if "learnt" in given:
-        own.check_known(given, known, "predict")
-
-
 def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[str]) -> Path:
     """The folder of the learnt objects; with `model` it is made, unless the cache has it."""
     cache = cache_folder(given.get("work"))
     if "learnt" in given:
         return find_learnt(given["learnt"], cache)
-    from hlp.commands.learn import (
-        learn_once,
-        learning_request,  # Hydra, torch: only to learn
-    )
+    from hlp.commands.learn import learn_once, learning_request  # Hydra, torch: only to learn
 
     request = learning_request(given, [str(expanded(given["model"]))], known)
     frames.load(frames.keys[0])  # what is wrong is said before minutes of learning
