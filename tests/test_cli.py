@@ -166,14 +166,6 @@ def test_anytime_is_a_sweep_of_budgets(folder: Path) -> None:
         assert sorted(config["refinement"]["budget_ms"] for config in found) == values
 
 
-def test_a_traceback_is_shown_where_it_is_asked_for(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("HLP_TRACEBACK", "1")
-    with pytest.raises(MissingFileError, match=r"data\.root"):
-        main(["run", "seed=13"])
-
-
 def test_a_bug_keeps_its_traceback(folder: Path) -> None:
     with pytest.raises(KeyError, match="a bug"):
         main(["run", "seed=14"])

@@ -12,7 +12,6 @@ from hlp.commands import arguments as own
 from hlp.commands.learn import learning_request
 from hlp.data.own_frames import FrameFiles
 from hlp.errors import InputError
-from hlp.method.learn.mesh_models import MeshChoices, build_models
 from hlp.method.settings import MethodSettings
 
 
@@ -106,12 +105,11 @@ def meshes(tmp_path: Path) -> list[str]:
 
 
 def test_each_mesh_is_learnt_with_its_own_choices(meshes):
-    given = {"symmetries": "none", "symmetries.b": "found", "colors.a": "false", "encoder": "pca"}
-    request = learning_request(given, meshes, ())
-    models = build_models(request.meshes, request.choices, 1, request.own_choices)
+    given = {"symmetries": "none", "symmetries.b": "found", "holistic_size_mm.a": "80"}
+    models = learning_request(given, meshes, ()).models
+    assert [model.name for model in models.values()] == ["a", "b"]
     assert len(models[1].symmetries) == 1 < len(models[2].symmetries)
-    assert request.own_choices["a"] == MeshChoices(symmetries="none", colors=False)
-    assert request.choices.colors and request.own_choices["b"].colors
+    assert models[1].holistic_size == 0.08 != models[2].holistic_size
     with pytest.raises(ValueError, match="there is no object 'c'"):
         learning_request({"colors.c": "false"}, meshes, ())
 

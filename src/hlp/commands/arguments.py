@@ -132,12 +132,10 @@ def text_list(text: str) -> list[str]:
     return [str(value) for value in plain_value(text if text.startswith("[") else f"[{text}]")]
 
 
-def names_of_objects(given: dict[str, str]) -> list[str] | None:
-    """The names that `objects` gives, which is taken out; None without. InputError for none."""
-    if "objects" not in given:
-        return None
-    names = text_list(given.pop("objects"))
-    if not names:
+def names_of_objects(given: Mapping[str, str]) -> list[str] | None:
+    """The names that `objects` gives; None without. Raises InputError for none."""
+    names = text_list(given["objects"]) if "objects" in given else None
+    if names == []:
         raise InputError("objects names none: leave it out to look for all of them")
     return names
 

@@ -69,9 +69,7 @@ def _options(given: Mapping[str, str]) -> LiveOptions:
         )
     of_camera = own.field_names(_SOURCES[source][0]) if source in _SOURCES else ()
     own.check_known(given, sorted({*_COMMON, *keys, *of_camera}), "live")
-    options = {key: given[key] for key in keys if key in given}
-    objects = own.names_of_objects(options)
-    return own.read_group(LiveOptions, options, objects=objects)
+    return own.read_group(LiveOptions, given, objects=own.names_of_objects(given))
 
 
 def _camera(given: Mapping[str, str]) -> Camera:

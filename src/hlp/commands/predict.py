@@ -17,20 +17,20 @@ from hlp.runs.prediction import PredictionOptions
 
 _NEEDED = ("rgb", "depth", "intrinsics")
 _OTHER = ("learnt", "model", "output", "work", "mask", "box", "threads")
-_OPTIONS = ("objects", "max_instances", "min_score", "track", "panels")
 
 
 def predict(arguments: Sequence[str]) -> None:
     """Find the objects in every frame, after learning one unless that was done before."""
     given = with_frames(own.split_arguments(arguments))
-    known = [*own.field_names(FrameFiles), *_OTHER, *_OPTIONS]
+    known = [*own.field_names(FrameFiles, PredictionOptions), *_OTHER]
     if "learnt" in given and "model" in given:
         raise InputError("learnt and model: give one of them")
     own.need(given, ["learnt", *_NEEDED] if "model" not in given else _NEEDED, known, "predict")
     if "learnt" in given:  # with a model, further keys are those of learning
         own.check_known(given, known, "predict")
     frames = OwnFrames(own.read_group(FrameFiles, given))
-    masks, options = own.search_masks(given), _options(given)
+    masks, objects = own.search_masks(given), own.names_of_objects(given)
+    options = own.read_group(PredictionOptions, given, objects=objects)
     default = Path("outputs", "predict", time.strftime("%Y-%m-%d_%H-%M-%S"))
     output = own.path_of(given, "output", default)
     threads = own.whole_number(given, "threads")
@@ -55,9 +55,3 @@ def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[
     request = learning_request(given, [str(expanded(given["model"]))], known)
     frames.load(frames.keys[0])  # what is wrong is said before minutes of learning
     return learn_once(cache, request)
-
-
-def _options(given: Mapping[str, str]) -> PredictionOptions:
-    options = {key: given[key] for key in _OPTIONS if key in given}
-    objects = own.names_of_objects(options)
-    return own.read_group(PredictionOptions, options, objects=objects)
