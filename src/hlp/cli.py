@@ -31,7 +31,8 @@ COMMANDS = {
 }
 """The commands: functions of their names in `hlp.commands`."""
 _MODULES = {
-    **dict.fromkeys(("run", "bench", "search"), "run"),
+    **dict.fromkeys(("bench", "search"), "run"),
+    "live": "predict",
     **dict.fromkeys(("runs", "ui", "upload"), "report"),
     **dict.fromkeys(("download", "notebooks", "clean"), "folders"),
 }

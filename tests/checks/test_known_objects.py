@@ -1,5 +1,6 @@
 """What known objects tell of frames, found or not, around a stand-in for the detector."""
 
+import logging
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,10 +8,17 @@ import numpy as np
 import pytest
 
 from faults import exchanged, with_depth, with_matrix
+from hlp.checks import known_objects
 from hlp.checks.corrections import EXCHANGED, Correction, check_gains
-from hlp.checks.known_objects import check_by_search, exchange_gain, find_answers, known_gains
+from hlp.checks.known_objects import (
+    FaultWatch,
+    check_by_search,
+    exchange_gain,
+    find_answers,
+    known_gains,
+)
 from hlp.errors import InputError
-from hlp.method.find.detections import Detection, SearchResult
+from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.refinement.pose_fit import PoseFit
 
 
@@ -83,9 +91,10 @@ def answer(name, pose, cost=0.2, score=0.95, agreement=0.9):
 class Stub:
     """A detector: it finds something of a score, or raises; a pose costs what `cost` says."""
 
-    def __init__(self, models, score=0.95, cost=None):
+    def __init__(self, models, score=0.95, cost=lambda depth, matrix: 0.3):
         self.models = {model.name: model for model in models.values()}
-        self.score, self.cost, self.asked = score, cost, []
+        self.objects = tuple(self.models)
+        self.score, self.cost, self.asked, self.refined = score, cost, [], 0
 
     def search(self, rgb, depth, camera_matrix, *others):
         self.asked.append(others)
@@ -94,6 +103,7 @@ class Stub:
         return SearchResult([SimpleNamespace(score=self.score)] if self.score else [], [])
 
     def refine(self, rgb, depth, camera_matrix, name, pose):
+        self.refined += 1
         return answer(name, pose, self.cost(depth, camera_matrix), self.score)
 
 
@@ -109,8 +119,7 @@ def test_the_answers_to_a_frame(frames, models):
 
 
 def gains(frames, models, depth=1.0, focal=1.0, cost_of_a_tenth=0.04, score=0.95):
-    """Gains of frames with a fault, at the pose of the first object: it costs the more, the farther
-    a frame is from the truth."""
+    """Gains of frames with a fault: a pose costs the more, the farther they are from the truth."""
     measured = []
     for truth in frames:
 
@@ -188,3 +197,64 @@ def test_exchanged_colours_are_found_and_true_ones_are_not(frames, models):
     assert finding.kind == "colours" and finding.where == "3 frames"
     grey = [(replace(m, mesh=replace(m.mesh, colored=False)), pose) for m, pose in placed[0]]
     assert exchange_gain(frames[0], grey) == {}
+
+
+@pytest.fixture
+def said(caplog):
+    caplog.set_level(logging.INFO, "hlp.checks.known_objects")
+    return lambda: [record.getMessage() for record in caplog.records]
+
+
+def watch(detector, frames, score=0.95):
+    """The first object of each frame, at its true pose and with this score, is the answer."""
+    names = {model.object_id: model.name for model in detector.models.values()}
+    watch = FaultWatch(detector, None)
+    for frame in frames:
+        target = frame.targets[0]
+        found = answer(names[target.object_id], target.pose_cam_obj, score=score)
+        if score >= 0.5:
+            watch.add(frame, SearchResult([found], []))
+        else:
+            watch.add(frame, SearchResult([], [Rejection(found.object, "low", found)]))
+    watch.end()
+
+
+def test_healthy_frames_say_nothing_and_six_are_examined(frames, models, said):
+    detector = Stub(models)
+    watch(detector, frames * 3)
+    assert said() == []
+    assert detector.refined == 6 * 4 and detector.asked == []
+
+
+@pytest.mark.parametrize(("count", "seen"), [(1, "this frame alone"), (8, "6 frames")])
+def test_a_fault_is_said_once(frames, models, said, count, seen):
+    """Objects fit better where depth is more than 5 % larger than the frames'."""
+    true = np.median(frames[0].depth)
+    detector = Stub(models, cost=lambda depth, _: 0.1 if np.median(depth) > 1.05 * true else 0.3)
+    watch(detector, [frames[0]] * count)
+    (line,) = said()
+    assert line.startswith(f"warning: depth scale: {seen}: depth may be 0.9 times")
+
+
+def test_a_camera_of_other_images_is_said_at_the_first_frame(frames, models, said):
+    detector = Stub(models)
+    watch(detector, [with_matrix(frames[0], 0.5, slice(0, 2)), frames[1]])
+    assert said() and all("warning: intrinsics" in line for line in said())
+    assert detector.refined == 0
+
+
+@pytest.mark.parametrize(("count", "examined"), [(1, 1), (7, 6)])
+def test_where_nothing_is_found_that_is_said_and_nothing_is_searched(
+    frames, models, said, count, examined
+):
+    detector = Stub(models)
+    watch(detector, [frames[0]] * count, score=0.05)
+    assert f"found in none of {examined} frames; `hlp doctor`" in said()[-1]
+    assert detector.asked == []
+
+
+def test_unregistered_depth_is_said(frames, models, said, monkeypatch):
+    monkeypatch.setattr(known_objects, "check_registration", lambda seen: [f"{len(seen)} frames"])
+    for count in (6, 2):
+        watch(Stub(models), (frames * 2)[:count])
+    assert said() == ["warning: 6 frames", "warning: 2 frames"]

@@ -6,7 +6,7 @@ which it is found with certainty is named. `FaultWatch` looks at the first frame
 """
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -157,28 +157,30 @@ def check_with_objects(
     detector: Detector, frames: Sequence[Frame], masks: Mapping[str, Mask], unit: float | None
 ) -> list[Finding]:
     """Faults that keep objects from being found, or with which they fit worse in most frames."""
-    scores, best, gains = dict.fromkeys(detector.objects, 0.0), [], []
-    for frame in frames:
-        answers = find_answers(detector, detector.objects, masks, frame)
-        gains.append(known_gains(detector, frame, answers))
-        for answer in answers:
-            scores[answer.object] = max(scores[answer.object], answer.score)
-        best.append(max((answer.score for answer in answers), default=0.0))
+    answers = [find_answers(detector, detector.objects, masks, frame) for frame in frames]
+    found = [answer for each in answers for answer in each]
+    scores = {name: _best(a for a in found if a.object == name) for name in detector.objects}
     sought = sorted(scores, key=lambda name: -scores[name])[:_SOUGHT]
+    order = np.argsort([_best(each) for each in answers])[::-1]
 
     def find_best(frame: Frame) -> float:
-        answers = find_answers(detector, sought, masks, frame)
-        return max((answer.score for answer in answers), default=0.0)
+        return _best(find_answers(detector, sought, masks, frame))
 
-    order = np.argsort(best)[::-1]
     likely = [frames[place] for place in order]
-    findings = check_by_search(likely, best[order[0]], find_best, unit) or check_gains(gains)
+    findings = check_by_search(likely, _best(answers[order[0]]), find_best, unit) or check_gains(
+        [known_gains(detector, *each) for each in zip(frames, answers, strict=True)]
+    )
     absent = [name for name in scores if scores[name] < MIN_SCORE]
     if findings or not absent:
         return findings
     advice = "It is not in view or too small, or depth is not registered to colour"
     problem = f"found in none of {len(frames)} frames"
     return [Finding(ABSENT, ", ".join(absent), problem, advice)]
+
+
+def _best(answers: Iterable[Detection]) -> float:
+    """The highest score; 0 where there is none."""
+    return max((answer.score for answer in answers), default=0.0)
 
 
 _EXAMINED = 6  # frames
