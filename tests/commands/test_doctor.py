@@ -14,12 +14,9 @@ from hlp.commands.doctor import (
     check_libraries,
     check_threads,
     describe_machine,
-    read_frames,
 )
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.errors import DataError
-from hlp.records import Frame
 
 
 @pytest.fixture(scope="module")
@@ -116,35 +113,3 @@ def test_too_little_disk_is_named(tmp_path):
     assert "0.1 GB are free" in finding.problem
     assert check_disk(folder, free=1e12) == []
     assert len(describe_machine()) == 2
-
-
-FRAME = Frame(0, 0, np.zeros((8, 8, 3), np.uint8), np.ones((8, 8), np.float32), np.eye(3))
-KEYS = [f"000001_{i:06d}" for i in range(9)]
-
-
-def _loader(frame, refused):
-    def load(key):
-        if key in refused:
-            raise DataError(f"{key} is odd")
-        return frame
-
-    return load
-
-
-@pytest.mark.parametrize(("odd", "shown", "more"), [(1, 1, ""), (3, 3, ""), (7, 3, "4 more")])
-def test_of_many_files_that_cannot_be_read_the_first_are_named(odd, shown, more):
-    kept, findings = read_frames(_loader(FRAME, KEYS[:odd]), KEYS, 9)
-    assert len(kept) == len(KEYS) - odd
-    assert [item.kind for item in findings] == ["files"] * shown
-    assert [finding.where[:13] for finding in findings] == KEYS[:shown]
-    assert more in findings[-1].where and ("more" in findings[-1].where) == bool(more)
-
-
-def test_frames_whose_values_make_no_sense_are_kept_with_a_finding():
-    load, read = _loader(FRAME, KEYS[:2]), _loader(FRAME, KEYS[1:2])
-    kept, findings = read_frames(load, KEYS, 9, read)
-    assert len(kept) == len(KEYS) - 1
-    assert {(finding.kind, finding.where) for finding in findings} == {
-        ("values", KEYS[0]),
-        ("files", KEYS[1]),
-    }

@@ -128,7 +128,7 @@ class Device:
 
 ENDS = {
     "upload": (1, "nothing to send"),
-    "live source=my_camera.py:MyCamera learnt=learnt/": (130, "stopped after 2 images"),
+    "live source=my_camera.py:MyCamera learnt=learnt/": (130, "interrupted"),
     "doctor data=/path/to/set output=look/": (1, "no single known fault explains it"),  # noise
 }
 """Commands that end with another code than 0 here, and what they say."""

@@ -125,7 +125,7 @@ def test_a_folder_is_followed_until_ctrl_c(learnt, tmp_path, images):
     process.send_signal(signal.SIGINT)
     rest, messages = ended(process)
     assert process.returncode == 130
-    assert rest == [] and messages == "hlp: stopped after 2 images\n"
+    assert rest == [] and messages == "hlp: interrupted\n"
 
 
 def test_a_program_names_images_and_reads_answers(learnt, tmp_path, images):
@@ -150,7 +150,7 @@ def test_it_ends_when_nobody_reads_the_answers(learnt, tmp_path):
         assert answer(process)["ready"] and process.stdout is not None
         process.stdout.close()
         assert process.stderr is not None and process.stderr.read() == ""
-    assert process.returncode == 0
+    assert process.returncode == 141
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def download(arguments: Sequence[str]) -> None:
     print(f"Next: {public.next_step.format(folder=folder)}")
 
 
-def filled(text: str, arguments: Sequence[str]) -> str:
+def filled(text: str) -> str:
     """The help with the data sets that there are."""
     return text.format(
         sets="\n".join(_listed()),

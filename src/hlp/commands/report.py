@@ -7,8 +7,7 @@ import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 
-from hlp.commands.arguments import is_true, known_arguments, tracking_uri
-from hlp.errors import InputError
+from hlp.commands.arguments import is_true, known_arguments, tracking_uri, whole_number
 from hlp.reporting.experiments import describe_reports
 from hlp.reporting.mlflow import is_local
 from hlp.reporting.mlflow.pages import PORT, newest_page, server
@@ -50,15 +49,14 @@ def runs(arguments: Sequence[str]) -> None:
 def ui(arguments: Sequence[str]) -> None:
     """Start MLflow's server and show its address until Ctrl-C; of a server show the page alone."""
     given = known_arguments(arguments, ("uri", "work", "experiment", "port", "open"), "ui")
-    opened, port = is_true(given, "open", True), given.get("port", str(PORT))
-    if not port.isdecimal():
-        raise InputError(f"port={port}: it is a number")
+    opened = is_true(given, "open", True)
+    port = whole_number(given, "port", most=65535) or PORT
     uri = given.get("uri") or tracking_uri(given.get("work", "work"))
     page = newest_page(uri, given.get("experiment"))
     if not is_local(uri):
         _show(uri.rstrip("/") + page, opened)
         return
-    with server(uri, int(port)) as address:
+    with server(uri, port) as address:
         _show(address + page, opened)
         print("Stop it with Ctrl-C.", flush=True)
         try:
