@@ -21,13 +21,16 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     for number, name in ((0, "board"), (2, "demo")):
         summary = {
             **scored(0.9 - 0.1 * number, 40.0, {"cat": 0.9}),
-            "bop": BOP if not number else {},
-            "calibration": {"reliability": [[4, 0.3, 0.25], [8, 0.62, 0.75], [4, 0.98, 1.0]]},
+            "bop": BOP if not number else dict.fromkeys(BOP),
+            "calibration": {
+                "ece": None,
+                "reliability": [[4, 0.3, 0.25], [8, 0.62, 0.75], [4, 0.98, 1.0]],
+            },
             "false_alarms": {"searched": 17, "alarms": 1, "scores": [0.6, 0.1]},
         }
         write_run(folder / str(number), "recordings", summary, [f"data={name}"])
     (folder / "1").mkdir()
-    *_, markdown, table, figures = write_reports(folder)
+    *_, markdown, table, _, figures = write_reports(folder)
     rows = csv_rows(table)
     assert [*rows[0]] == [
         "data", "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", "VSD", "MSSD", "MSPD",
@@ -58,7 +61,7 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
         given = [f"seed={seed}", f"data={name}"]
         made = write_run(folder / str(number), "recordings", summary, given)
         write_verdicts(made, [1, 1, 0, seed], 0.5 if name == "board" else 0.9)
-    *pictures, _, table, figures = write_reports(folder)
+    *pictures, _, table, _, figures = write_reports(folder)
     assert [path.name for path in pictures] == ["recordings.png", "recordings.svg"]
     rows = csv_rows(table)
     assert [(row["data"], row["seed"], row["ADD(-S)"], row["ms"]) for row in rows[:5]] == [

@@ -102,8 +102,8 @@ def test_table_figure_and_page_of_studies_are_written_and_reported(benches: Path
     written = write_files(benches, only(benches))
     assert [path.name for path in written] == ["bench.md", "bench.csv", "bench.png", "bench.svg"]
     assert "Made by `hlp -m task=bench a=1,2`." in written[0].read_text()
-    rows = [[row[name] for name in (PARTICLES, "MiB", "load")] for row in csv_rows(written[1])]
-    assert rows == [["15", "912.3", "1.25"], ["150", "912.3", "1.25"], ["50", "", ""]]
+    rows = [[row[name] for name in ("particles", "MiB", "load")] for row in csv_rows(written[1])]
+    assert rows == [["15 *", "912", "1.2"], ["150", "912", "1.2"], ["50", "", ""]]
     drawn = written[3].read_text()
     assert drawn.count("<!-- 0.750 -->") == 2  # the bars of the finished runs
     assert "<!-- axis cut: begins at 0.7 -->" in drawn
@@ -131,10 +131,6 @@ def test_recalls_of_an_oracle_matrix_have_intervals(tmp_path: Path) -> None:
     said = describe_sweep(only(sweep), "text")
     assert said.count("0.100-0.900") == 2  # of the first cell alone
     assert max(map(len, said.splitlines())) <= 80
-    _, rows, *_ = write_files(sweep, only(sweep))
-    ends = [(row["true/est"], row["true/est 95 % low"]) for row in csv_rows(rows)]
-    assert ends == [("0.25", "0.1"), ("0.5", "0.1")]
-    assert "lost region 95 % low" not in csv_rows(rows)[0]
 
 
 def write_targets(folder: Path, **values: np.ndarray) -> None:
@@ -169,11 +165,6 @@ def test_studies_are_paired_with_the_default_target_by_target(benches: Path) -> 
     assert shown.rows[0][1].startswith(f"{faster:+.1f} (-")
     said = describe_sweep(sweep, "text")
     assert shown.rows[0][1] in said and max(map(len, said.splitlines())) <= 80
-    _, rows, *_ = write_files(benches, sweep)
-    first, second, _ = csv_rows(rows)
-    assert float(first["ADD(-S) difference"]) == pytest.approx(gained)
-    assert float(first["ADD(-S) difference 95 % low"]) == pytest.approx(low)
-    assert second["ADD(-S) difference"] == "" and "CPU first difference" not in first
     page = write_sweep_page(benches).read_text()
     assert shown.rows[0][2] in page and "paired bootstrap" in page
 

@@ -6,13 +6,12 @@ import pytest
 
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate
-from hlp.studies.bench import ratios
 from hlp.studies.bench_times import (
     PartClock,
     Spent,
     TimedDetection,
     bench_targets,
-    compare_paths,
+    share_of_same,
     summarise_path,
     summarise_spent,
 )
@@ -21,10 +20,10 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 MODELS = {1: SimpleNamespace(symmetries=np.stack([np.eye(4), HALF_TURN]))}
 
 
-def look(frame, place, spent, pose=None, region=(255,)):
+def look(frame, place, spent, pose=None):
     times = {part: Spent(ms / 1e3, 2 * ms / 1e3) for part, ms in spent.items()}
     estimate = PoseEstimate(1, frame, 1, pose, 1.0)
-    return TimedDetection(estimate, place, times, np.array(region, dtype=np.uint8))
+    return TimedDetection(estimate, place, times)
 
 
 def verdicts(*right):
@@ -68,13 +67,6 @@ def test_times_and_verdicts_by_target():
     assert found["ADD(-S)"] == {(1, 1, 1, 0): 1.0, (1, 1, 1, 1): 0.0}
 
 
-def test_ratios_are_of_medians_and_absent_where_there_is_no_time():
-    own = {"a": {"median_ms": 4.0}, "b": {"median_ms": 0.0}}
-    other = {"a": {"median_ms": 6.0}, "b": {"median_ms": 1.0}}
-    assert ratios(own, other) == {"a": 1.5, "b": None}
-    assert ratios({}, {}) == {}
-
-
 @pytest.mark.parametrize(
     ("pose", "same"),
     [
@@ -86,20 +78,9 @@ def test_ratios_are_of_medians_and_absent_where_there_is_no_time():
     ],
 )
 def test_poses_are_the_same_within_the_tolerance_up_to_symmetry(pose, same):
-    looks = {"own": [look(1, 0, {}, posed())], "other": [look(1, 0, {}, pose)]}
-    scores = {"own": verdicts(True), "other": verdicts(True)}
-    found = compare_paths(looks, scores, MODELS, ("own", "other"), (1.0, 0.5))
-    assert found["same_pose"] == float(same)
-
-
-def test_paths_are_paired_by_frame_and_agree_by_share():
-    own = [look(1, 0, {}, None, (0b1100,)), look(2, 0, {}, posed(), (0,))]
-    other = [look(2, 0, {}, posed(), (0,)), look(1, 0, {}, None, (0b0110,))]
-    scores = {"own": verdicts(False, True), "other": verdicts(True, True)}
-    found = compare_paths(
-        {"own": own, "other": other}, scores, MODELS, ("own", "other"), (1.0, 0.5)
-    )
-    assert found == pytest.approx({"same_pose": 1.0, "same_verdict": 0.5, "region_iou": 2 / 3})
+    looks = [[look(1, 0, {}, posed())], [look(1, 0, {}, pose)]]
+    assert share_of_same(*looks, MODELS, (1.0, 0.5)) == float(same)
+    assert share_of_same(looks[1], looks[1], MODELS, (1.0, 0.5)) == 1.0
 
 
 def test_times_of_whole_frames_have_median_and_spread():

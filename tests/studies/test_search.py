@@ -98,7 +98,7 @@ def test_the_best_trial_is_the_best_within_the_limit(
     verdicts = read_target_values(tmp_path / "out")["best ADD(-S)"]
     assert sum(verdicts.values()) == max(fast) and len(verdicts) == 100
     parent, trials = runs_of(tmp_path)
-    assert parent.data.metrics["search/recall"] == max(fast) / 100.0
+    assert parent.data.metrics["search/best ADD_-S_"] == max(fast) / 100.0
     logged = [run.data.params["refinement.particles"] for run in trials]
     assert logged == [str(trial["particles"]) for trial in tried]
 

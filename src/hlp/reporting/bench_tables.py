@@ -12,8 +12,6 @@ CONFIGURED = "configured"
 """Name of the path that the configuration itself describes; the others are compared with it."""
 TIMED = ("first", "further", "frame")
 """Units that are timed."""
-AGREEMENT = {"same_pose": "same pose", "same_verdict": "same verdict", "region_iou": "region IoU"}
-"""Shares of results that are the same on two paths, and what people call them."""
 TOTAL = "total"
 _TIMES = ("median_ms", "p95_ms", "cpu_ms")
 Result = Mapping[str, Any]
@@ -29,20 +27,23 @@ def format_bench(result: Result, layout: str = "text") -> str:
             " is not counted.",
             times_table(path),
         ]
-    if result["compared"]:
+    if len(result["paths"]) > 1:
         parts += [
             "Times relative to the configured path; those of stages are for a frame's first object."
-            " Same pose: within {mm:g} mm and {deg:g} degrees; same verdict: right by ADD(-S) in"
-            " both or in neither.".format(**result["tolerance"]),
+            " Same pose: share of those within {mm:g} mm and {deg:g} degrees of that path's."
+            "".format(**result["tolerance"]),
             comparison_table(result),
         ]
     one_by_one = result["paths"][CONFIGURED]["frame"][TOTAL]["median_ms"]
+    loading, objects = result["loading_s"], [*result["loading_s"]["objects"].values()]
     parts += [
         "A whole frame, its objects searched at once by several threads as by the Python API and"
         " hlp predict: {median_ms:.1f} ms (95 %: {p95_ms:.1f}; CPU {cpu_ms:.1f}); one after"
         " another: ".format(**result["objects_at_once"])
         + f"{one_by_one:.1f} ms",
-        *_loading(result),
+        f"Loading (s): classifier {loading['classifier']:.2f}, encoder {loading['encoder']:.2f},"
+        f" each object {sum(objects) / len(objects):.2f} (at most {max(objects):.2f}).",
+        f"Peak memory: {result['memory']['peak_mib']:.0f} MiB with all objects loaded.",
     ]
     laid_out = (
         lay_out(part, layout) if isinstance(part, Table) else prose(part, layout) for part in parts
@@ -63,29 +64,14 @@ def times_table(path: Result) -> Table:
 def comparison_table(result: Result) -> Table:
     """A row a path: time relative to the configured path, recall, and agreement with that path."""
     configured = result["paths"][CONFIGURED]
-    stages = [*(part for part in configured["first"] if part.startswith("stage ")), TOTAL]
-    recall, unknown = format_share(configured["add_recall"]), [""] * len(AGREEMENT)
-    rows = [[CONFIGURED, *[""] * (len(stages) + 1), recall, *unknown]]
-    for name, compared in result["compared"].items():
-        ratio = compared["ratio"]
-        times = [*(ratio["first"][stage] for stage in stages), ratio["frame"][TOTAL]]
-        recall = format_share(result["paths"][name]["add_recall"])
-        agreed = [format_share(compared[key]) for key in AGREEMENT]
-        rows.append([name, *map(_times, times), recall, *agreed])
-    return Table(["path", *stages, "frame", "ADD(-S)", *AGREEMENT.values()], rows)
-
-
-def bench_metrics(result: Result) -> dict[str, float | None]:
-    """Flat numbers for MLflow, e.g. `bench/configured/first/network`, `bench/configured/add`."""
-    flat: dict[str, float | None] = {"bench/peak_mib": result["memory"]["peak_mib"]}
+    stages = [part for part in configured["first"] if part.startswith("stage ") or part == TOTAL]
+    rows = []
     for name, path in result["paths"].items():
-        flat[f"bench/{name}/add"] = path["add_recall"]
-        for unit in TIMED:
-            for part, spread in path[unit].items():
-                flat[f"bench/{name}/{unit}/{part}"] = spread["median_ms"]
-    for name, agreed in result["compared"].items():
-        flat[f"bench/{name}/same_pose"] = agreed["same_pose"]
-    return flat
+        times = [_ratio(configured["first"][stage], path["first"][stage]) for stage in stages]
+        times.append(_ratio(configured["frame"][TOTAL], path["frame"][TOTAL]))
+        shares = map(format_share, (path["add_recall"], path["same_pose"]))
+        rows.append([name, *times, *shares])
+    return Table(["path", *stages, "frame", "ADD(-S)", "same pose"], rows)
 
 
 def compare_benches(before: Path, after: Path) -> str:
@@ -122,8 +108,8 @@ def ratio_table(first: Result, second: Result) -> Table:
     for part in [part for part in first["first"] if part in second["first"]]:
         row = [part]
         for unit in units:
-            one, other = (path[unit][part]["median_ms"] for path in (first, second))
-            row += [format_ms(one), format_ms(other), _times(other / one if one else None)]
+            one, other = first[unit][part], second[unit][part]
+            row += [*(format_ms(times["median_ms"]) for times in (one, other)), _ratio(one, other)]
         rows.append(row)
     recalls = (format_share(first["add_recall"]), format_share(second["add_recall"]))
     rows.append(["ADD(-S) recall", *recalls, *[""] * (3 * len(units) - 2)])
@@ -139,9 +125,10 @@ def read_bench(path: Path) -> dict[str, Any]:
     return result
 
 
-def _times(ratio: float | None) -> str:
+def _ratio(before: Result, after: Result) -> str:
     """`x1.50`: takes half as long again; empty where there was nothing to divide by."""
-    return "" if ratio is None else f"x{ratio:.2f}"
+    first, second = before["median_ms"], after["median_ms"]
+    return f"x{second / first:.2f}" if first else ""
 
 
 def _machine(machine: Result) -> str:
@@ -165,21 +152,6 @@ def _workload(workload: Result) -> str:
         f" scan {workload['scan']}, codebook {workload['codebook']}, {workload['refinement']}"
         f"{particles}, at most {workload['refined']} hypotheses refined"
     )
-
-
-def _loading(result: Result) -> list[str]:
-    loading, memory = result["loading_s"], result["memory"]
-    seconds = [*loading["objects"].values()]
-    learnt = f" That includes learning: {', '.join(memory['learnt_too'])}."
-    return [
-        f"Loading (s): classifier {loading['classifier']:.2f}, encoder {loading['encoder']:.2f},"
-        f" each object {sum(seconds) / len(seconds):.2f} (at most {max(seconds):.2f}); reading the"
-        f" models of all objects {loading['models']:.2f}, checking what is already learnt"
-        f" {loading['finding']:.2f}.",
-        f"Peak memory: {memory['peak_mib']:.0f} MiB with all objects loaded,"
-        f" {memory['all_paths_mib']:.0f} MiB with every path."
-        + (learnt if memory["learnt_too"] else ""),
-    ]
 
 
 def format_ms(value: float) -> str:

@@ -18,11 +18,7 @@ from hlp.reporting.comparison import (
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import Panel, draw_bars, gain_bar, recall_bar
 from hlp.reporting.results import Result, result_folders
-from hlp.reporting.summary_tables import (
-    BOP_RECALLS,
-    result_cells,
-    run_cells,
-)
+from hlp.reporting.summary_tables import BOP_RECALLS, result_cells, run_cells
 from hlp.reporting.sweeps import Sweep, read_sweeps
 from hlp.reporting.table import Table, lay_out, prose, result_difference, result_share
 
@@ -42,7 +38,7 @@ _LADDER_NOTE = (
 
 @dataclass(frozen=True)
 class Report:
-    """A table with its caption, `notes`, and a figure; `narrow` is the table for a terminal.
+    """A table with its caption, `notes`, and a figure; a terminal does not show its `wide` columns.
 
     `figures` is what figures.csv holds.
     """
@@ -50,9 +46,9 @@ class Report:
     name: str
     table: Table
     notes: list[str]
-    figure: "Figure | None" = None
-    narrow: Table | None = None
+    figure: "Figure | None"
     figures: Table | None = None
+    wide: Sequence[str] = ()
 
 
 def reports_of(folder: Path) -> list[Report]:
@@ -73,9 +69,9 @@ def reports_of(folder: Path) -> list[Report]:
 
 
 def write_reports(folder: Path) -> list[Path]:
-    """Write the reports of a sweep or run: NAME.md, .csv, .png and .svg; those files.
+    """Write the reports of a sweep or run: NAME.md, .csv, .tex, .png and .svg; those files.
 
-    The paper's also as NAME.tex. figures.csv holds the main figures, as result files keep them.
+    figures.csv holds the main figures, as result files keep them.
     """
     return [path for made in reports_of(folder) for path in _write(folder, made)]
 
@@ -89,7 +85,7 @@ def describe_reports(root: Path, layout: str) -> str:
     for folder in result_folders(root):
         for made in reports_of(folder):
             files = ", ".join(str(path) for path in _write(folder, made))
-            shown = made.narrow if layout == "text" and made.narrow else made.table
+            shown = made.table.without(*made.wide) if layout == "text" else made.table
             parts += [prose(words, layout) for words in made.notes]
             parts += [lay_out(shown, layout), prose(f"Written: {files}", layout)]
     return "\n\n".join(parts)
@@ -101,10 +97,8 @@ def _write(folder: Path, made: Report) -> list[Path]:
     picture = [f"![{made.name}]({written[1].name})"] if written else []
     write_text(markdown, "\n\n".join([*picture, *made.notes, made.table.markdown()]) + "\n")
     write_csv(rows, made.table.header, made.table.rows)
-    written += [markdown, rows]
-    if made.name in {*paper.TRENDS, *paper.TABLES}:
-        write_text(latex, made.table.latex() + "\n")
-        written.append(latex)
+    write_text(latex, made.table.latex() + "\n")
+    written += [markdown, rows, latex]
     if made.figures is not None:
         write_csv(folder / FIGURES, made.figures.header, made.figures.rows)
         written.append(folder / FIGURES)
@@ -123,7 +117,7 @@ def _trend(name: str, results: Sequence[Result], found: Sweep) -> Report:
     runs = sorted(zip(words, results, strict=True), key=lambda run: words.index(run[0]))
     notes = [f"{trend.title}, {data}.", *_made_by(found), paper.trend_note(trend)]
     figure, figures = paper.draw_trend(trend, runs, data), paper.trend_figures(trend, runs)
-    return Report(name, paper.trend_table(trend, runs), notes, figure, figures=figures)
+    return Report(name, paper.trend_table(trend, runs), notes, figure, figures)
 
 
 def _table(name: str, results: Sequence[Result], found: Sweep) -> Report:
@@ -164,8 +158,8 @@ def _steps(results: Sequence[Result]) -> list[_Step]:
 
 
 def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
-    """A row a step: recalls, and what it gained; the narrow table fits a terminal."""
-    against = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
+    """A row a step: recalls, and what it gained."""
+    against = ["against", "gained", "95 % of it", "ms more"]
     shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "load"]
     rows = []
     for step in steps:
@@ -173,12 +167,9 @@ def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
         if step.gain is not None:
             gained = [step.before, *difference_cells(step.gain), f"{step.milliseconds:+.0f}"]
         rows.append([step.name, step.change, *(cells[name] for name in shown), *gained])
-    table = Table(["step", "change", *(name.removesuffix(".5") for name in shown), *against], rows)
-    few = table.without("change", "95 %", "5cm5deg", "IoU", "AR")
-    names = [name.removeprefix("ADD(-S) ") for name in few.header]
-    narrow = Table(names, few.rows).fitted(0, names.index("against"))
-    notes, figure = [*_made_by(found), _LADDER_NOTE], _draw_ladder(steps)
-    return Report(LADDER, table, notes, figure, narrow, _ladder_figures(steps))
+    table = Table(["step", "change", *shown, *against], rows)
+    notes, wide = [*_made_by(found), _LADDER_NOTE], ["change", *shown[1:5], "load"]
+    return Report(LADDER, table, notes, _draw_ladder(steps), _ladder_figures(steps), wide)
 
 
 def _ladder_figures(steps: Sequence[_Step]) -> Table:
@@ -196,23 +187,14 @@ def _ladder_figures(steps: Sequence[_Step]) -> Table:
 
 
 def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
-    """A row a step in words, the first at the top: recall on the left, the gain on the right.
-
-    A line joins the recall of each step with that of the step that it starts from.
-    """
+    """A row a step in words, the first at the top: recall on the left, the gain on the right."""
     recalls = [recall_bar(step.result.add) for step in steps]
     gains = [gain_bar(step.gain) for step in steps]
     panels = [Panel("ADD(-S) recall, 95 % interval", {"": recalls}, recall=True)]
     if any(gains):
         panels.append(Panel("gained against the step that it starts from", {"": gains}))
-    places = {step.name: place for place, step in enumerate(steps)}
     rows = [step.change for step in steps]
-    figure = draw_bars(rows, panels, paper.measured_on(steps[0].result))
-    for place, step in enumerate(steps):
-        if step.before in places:
-            ends = places[step.before], place
-            figure.axes[0].plot([recalls[end].value for end in ends], ends, color="0.6", zorder=0)
-    return figure
+    return draw_bars(rows, panels, paper.measured_on(steps[0].result))
 
 
 def _recordings(results: Sequence[Result], found: Sweep) -> Report:
@@ -220,7 +202,7 @@ def _recordings(results: Sequence[Result], found: Sweep) -> Report:
     repeats = recordings.repeats_of(results, keys)
     table = recordings.recordings_table(repeats, keys)
     spread = " spread: standard deviation between seeds." if recordings.SEED in keys else ""
-    notes = [*_made_by(found), recordings.NOTE + spread]
-    narrow = table.without("frames", "5cm5deg", *map(str.upper, BOP_RECALLS)).fitted(0)
+    notes, wide = [*_made_by(found), recordings.NOTE + spread], ["frames", "5cm5deg"]
     figure, figures = recordings.draw_scores(repeats), recordings.recording_figures(repeats)
-    return Report(RECORDINGS, table, notes, figure, narrow, figures)
+    wide += map(str.upper, BOP_RECALLS)
+    return Report(RECORDINGS, table, notes, figure, figures, wide)

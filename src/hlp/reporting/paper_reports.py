@@ -174,9 +174,8 @@ class Recalls:
         for row, name in enumerate(self.rows):
             cells = [format_share(recalls[row]) for recalls in self.printed.values()]
             for scores in self.ours.values():
-                ends = scores[row].get("ci95")  # older runs have none
                 cells += [format_share(scores[row].get("recall"))]
-                cells += [format_interval(ends) if ends else ""]
+                cells += [format_interval(scores[row].get("ci95", ()))]
             rows.append([name, *cells])
         return Table([head, *self.printed, *names], rows)
 

@@ -10,14 +10,14 @@ from hlp.errors import DataError
 from hlp.files import SUMMARY, read_json
 from hlp.reporting.bench_tables import CONFIGURED, TOTAL, format_ms, read_bench
 from hlp.reporting.study_tables import head_of, read_mean_recalls
-from hlp.reporting.summary_tables import METRIC_LABELS, run_cells
+from hlp.reporting.summary_tables import METRIC_LABELS, run_cells, run_numbers
 from hlp.reporting.table import format_share
 from hlp.results.recalls import read_summary
 
 Interval = tuple[float, float]
 RUN = "sweep"
 """The kind of a plain run; its files are called so."""
-ADD, *_OTHERS = METRIC_LABELS.values()
+ADD = METRIC_LABELS["add"]
 
 
 @dataclass(frozen=True)
@@ -76,18 +76,16 @@ def _time(name: str, panel: str, value: float, *, main: bool = False) -> Number:
 
 def _read_run(path: Path) -> list[Number]:
     summary = read_summary(path)
-    add, cells = summary["metrics"]["add"], run_cells(summary)
-    low, high = map(float, add["ci95"])
-    time = float(summary["timing_ms"]["total"]["median"])
-    return [
-        Number("targets", "", summary["targets"], cells["targets"], more=True),
-        _recall(ADD, "", add["recall"], (low, high), main=True),
-        *(Number(name, "", math.nan, cells[name], more=name == "IoU.5") for name in _OTHERS),
-        Number("AR", "", math.nan, cells["AR"], more=True),
-        Number("ms", "", time, cells["ms"], "time"),
-        *(Number(name, "", math.nan, cells[name], more=True) for name in ("ms 95 %", "CPU ms")),
-        Number("load", "", math.nan, cells["load"]),
-    ]
+    values, cells = run_numbers(summary), run_cells(summary)
+    low, high = map(float, summary["metrics"]["add"]["ci95"])
+    numbers = [Number("targets", "", summary["targets"], cells["targets"], more=True)]
+    numbers.append(
+        _recall(ADD, "", float(summary["metrics"]["add"]["recall"]), (low, high), main=True)
+    )
+    for name in ("5cm5deg", "IoU.5", "AR", "ms", "ms 95 %", "CPU ms", "load"):
+        more = name not in ("5cm5deg", "ms", "load")
+        numbers.append(Number(name, "", values[name] or math.nan, cells[name], more=more))
+    return numbers
 
 
 def _read_bench(path: Path) -> list[Number]:

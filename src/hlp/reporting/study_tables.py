@@ -66,15 +66,6 @@ def write_oracle(folder: Path, result: Result) -> None:
     write_csv(folder / "oracle.csv", _ORACLE, rows)
 
 
-def oracle_metrics(result: Result) -> dict[str, float | None]:
-    """Flat numbers for MLflow, e.g. `oracle/region_true/coarse_estimated`, `oracle/lost/region`."""
-    flat: dict[str, float | None] = {
-        f"oracle/region_{cell['region']}/coarse_{cell['coarse']}": cell["add"]["recall"]
-        for cell in result["cells"]
-    }
-    return flat | {f"oracle/lost/{stage}": share for stage, share in result["lost"].items()}
-
-
 ALL = "all"
 _CELL = ["refiner", "object", "rotation_deg", "translation_mm"]
 _BASIN = [*_CELL, "perturbations", "right", "add_recall"]
@@ -136,12 +127,6 @@ def format_basins(cells: pd.DataFrame, layout: str = "text") -> str:
 def recalls_by_errors(cells: pd.DataFrame) -> pd.DataFrame:
     """Recalls of one refiner and object: rotation errors down, translation errors across."""
     return cells.pivot_table("add_recall", "rotation_deg", "translation_mm", sort=False)
-
-
-def basin_metrics(cells: pd.DataFrame) -> dict[str, float | None]:
-    """Flat numbers for MLflow: the mean recall of each refiner and object, `basin/pso/cat`."""
-    means = cells.groupby(["refiner", "object"], sort=False)["add_recall"].mean()
-    return {f"basin/{refiner}/{name}": float(mean) for (refiner, name), mean in means.items()}
 
 
 _TRIALS = 10  # that are shown

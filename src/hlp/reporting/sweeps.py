@@ -122,24 +122,20 @@ class Sweep:
         return -1 if self.numbers[self.first_main].quantity == "time" else 1
 
     @cached_property
-    def highest(self) -> SweepRun | None:
+    def best(self) -> SweepRun | None:
         """The run with the highest recall, or the shortest time, by the first main number.
 
-        None if fewer than two finished, or if their targets differ.
+        That of the defaults, unless the other is surely better. None if fewer than two finished, or
+        if their targets differ.
         """
-        name = self.first_main
+        name, default = self.first_main, self.reference
         found = [run for run in self.finished if name in run.numbers]
         same = {(run.frames_identity, frozenset(run.targets.get(name, ()))) for run in found}
         if len(found) < 2 or len(same) > 1:
             return None
-        return max(found, key=lambda run: self._sign * run.numbers[name].value)
-
-    @cached_property
-    def best(self) -> SweepRun | None:
-        """The highest run; that of the defaults, unless the other is surely better."""
-        found, default = self.highest, self.reference
-        tied = self.is_default and found and default and self._are_tied(default, found)
-        return default if tied else found
+        highest = max(found, key=lambda run: self._sign * run.numbers[name].value)
+        tied = self.is_default and default and self._are_tied(default, highest)
+        return default if tied else highest
 
     @cached_property
     def ties(self) -> list[SweepRun]:

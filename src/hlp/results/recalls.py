@@ -27,11 +27,14 @@ METRICS: dict[str, Callable[[TargetScore], bool]] = {
 }
 """Name of each metric in `summary.json`, and the verdict of a score that it counts."""
 
-_REQUIRED = {"targets", "metrics", "per_object", "timing_ms", "waterfall"}
+_REQUIRED = {
+    *("targets", "metrics", "per_object", "bop", "calibration", "false_alarms"),
+    *("timing", "timing_ms", "waterfall", "votes"),
+}
 
 
 def read_summary(path: Path) -> Summary:
-    """Read `summary.json`. Raises MissingFileError, and DataError if it is not one."""
+    """Read `summary.json`. Raises MissingFileError, DataError if it is none of this version."""
     summary: Summary = read_json(path)
     if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
         lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""

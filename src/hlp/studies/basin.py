@@ -24,7 +24,7 @@ from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe
 from hlp.reporting.figures.heat_maps import draw_basins
-from hlp.reporting.study_tables import basin_cells, basin_metrics, format_basins, write_basins
+from hlp.reporting.study_tables import basin_cells, format_basins, write_basins
 from hlp.results.recalls import TargetKey, numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.store import StageStore
@@ -87,7 +87,7 @@ def run_basin(run: Run, task: BasinSettings, output: Path) -> pd.DataFrame:
     learnt. The refined poses of each refiner are a stage, so an interrupted run continues where it
     stopped. Everything is logged as one MLflow run.
     """
-    with study_run(run, output) as (store, tracker):
+    with study_run(run, output) as (store, _):
         keys, names = sampled_keys(run.keys, task.frames), object_names(run)
         verdicts = {
             name: _score(run, keys, _stage(run, task, name, keys, store)) for name in task.compared
@@ -100,7 +100,6 @@ def run_basin(run: Run, task: BasinSettings, output: Path) -> pd.DataFrame:
         }
         write_target_values(output, recalls, names)
         draw_basins(output / "heatmaps", cells)
-        tracker.log_metrics(basin_metrics(cells))
     print(format_basins(cells))
     return cells
 

@@ -19,7 +19,7 @@ from hlp.method.find.search import search_frame
 from hlp.method.settings import FindSettings
 from hlp.progress import Progress
 from hlp.records import Frame, PoseEstimate
-from hlp.reporting.bench_tables import CONFIGURED, TIMED, bench_metrics, format_bench
+from hlp.reporting.bench_tables import CONFIGURED, format_bench
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import bench_bars
 from hlp.results.recalls import TargetKey, write_target_values
@@ -31,10 +31,10 @@ from hlp.studies.bench_times import (
     Spent,
     TimedDetection,
     bench_targets,
-    compare_paths,
     describe_machine,
     load_timed,
     peak_mib,
+    share_of_same,
     summarise_path,
     summarise_spent,
 )
@@ -74,31 +74,28 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
     """
     paths = {CONFIGURED: run.settings}
     paths |= {name: with_changes(run, changes) for name, changes in task.compared.items()}
-    with study_run(run, output) as (store, tracker):
+    with study_run(run, output) as (store, _):
         machine = describe_machine(run.settings)
         keys = sampled_keys(run.keys, task.frames)
         for settings in paths.values():
             TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
-        made = sorted({event.stage for event in store.events if not event.reused})
-        found = _find_again(run)
         frame = run.dataset.frames.load(keys[0])
         estimators, loaded, peak = _make_estimators(run, paths, store, frame)
         detections = _measure(run, estimators, keys)
-        memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
-        summary, targets = _summarise(run, task, keys, detections)
+        paths_found, targets = _summarise(run, task, keys, detections)
         result = {
             "machine": machine,
             "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
-            "loading_s": {**found, **loaded},
-            "memory": memory,
-            **summary,
+            "loading_s": loaded,
+            "memory": {"peak_mib": peak},
+            "paths": paths_found,
+            "tolerance": {"mm": task.same_mm, "deg": task.same_deg},
             "objects_at_once": _objects_at_once(run, estimators[CONFIGURED], keys),
         }
         write_json(output / "bench.json", result)
         write_target_values(output, targets, object_names(run))
         write_text(output / "bench.md", format_bench(result, "markdown") + "\n")
         save_figure(bench_bars(result), output / "bench")
-        tracker.log_metrics(bench_metrics(result))
     print(format_bench(result))
     return result
 
@@ -113,25 +110,11 @@ def _summarise(
         name: score_targets(truths, models, [found.estimate for found in own], evaluation)
         for name, own in detections.items()
     }
-    times = {name: summarise_path(own, scores[name]) for name, own in detections.items()}
-    tolerance, compared = (task.same_mm, task.same_deg), {}
-    for name, changes in task.compared.items():
-        ratio = {view: ratios(times[CONFIGURED][view], times[name][view]) for view in TIMED}
-        agreed = compare_paths(detections, scores, models, (CONFIGURED, name), tolerance)
-        compared[name] = {"changes": changes, "ratio": ratio, **agreed}
-    limits = dict(zip(("mm", "deg"), tolerance, strict=True))
-    summary = {"paths": times, "compared": compared, "tolerance": limits}
-    return summary, bench_targets(detections[CONFIGURED], scores[CONFIGURED])
-
-
-def _find_again(run: Run) -> dict[str, float]:
-    """Seconds to read the objects' models, and to find their training outputs in the store."""
-    begun = time.perf_counter()
-    dataset = run.settings.data.build()
-    read = time.perf_counter()
-    store = StageStore(Path(run.settings.work))
-    TrainingStages(dataset, run.settings.method, store).make_for(dataset.target_ids)
-    return {"models": read - begun, "finding": time.perf_counter() - read}
+    configured, paths = detections[CONFIGURED], {}
+    for name, own in detections.items():
+        same = share_of_same(configured, own, models, (task.same_mm, task.same_deg))
+        paths[name] = summarise_path(own, scores[name]) | {"same_pose": same}
+    return paths, bench_targets(configured, scores[CONFIGURED])
 
 
 def _make_estimators(
@@ -180,10 +163,9 @@ def _detect_all(
         context = estimator.prepare(frame, observer=clock) if context is None else context
         trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
         spent, refined = clock.stop(), trace.refined
-        assert trace.region is not None
         pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
-        found.append(TimedDetection(estimate, place, spent, np.packbits(trace.region.mask)))
+        found.append(TimedDetection(estimate, place, spent))
     return found
 
 
@@ -215,27 +197,13 @@ def _workload(run: Run, estimator: PoseEstimator, frame: Frame, frames: int) -> 
         "image": [width, height],
         "objects": {
             dataset.models[i].name: {
-                "codebook_entries": len(estimator.matching.group(i).codebooks[i].features),
-                "proxy_faces": len(dataset.models[i].proxy.faces),
+                "codebook_entries": len(estimator.matching.group(i).codebooks[i].features)
             }
             for i in dataset.target_ids
         },
-        "classes": len(dataset.models) + 1,
         "scan": settings.patches.region.scan,
         "codebook": settings.codebook.name,
-        "voting": settings.voting.name,
         "refinement": refinement.name,
         "particles": getattr(refinement, "particles", None),
         "refined": refinement.verification.candidates,
-    }
-
-
-def ratios(
-    own: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]
-) -> dict[str, float | None]:
-    """By part, the ratio of the other's median time to the own one; None where that is 0."""
-    return {
-        name: other[name]["median_ms"] / time["median_ms"] if time["median_ms"] else None
-        for name, time in own.items()
-        if name in other
     }

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 import pandas as pd
 import torch
-from jaxtyping import UInt8
 
+from hlp.arrays import Pose
 from hlp.config.settings import RunSettings
 from hlp.evaluation.errors import rotation_error, translation_error
 from hlp.geometry import nearest_symmetric_pose
@@ -71,14 +71,12 @@ class PartClock:
 class TimedDetection:
     """One object looked for in one frame: the estimate, and the time of each part.
 
-    `place` is the number of objects looked for in the frame before this one; `region` is the mask
-    of stage 1, one bit per pixel.
+    `place` is the number of objects looked for in the frame before this one.
     """
 
     estimate: PoseEstimate
     place: int
     spent: Mapping[str, Spent]
-    region: UInt8[np.ndarray, "b"]
 
     @property
     def frame(self) -> tuple[int, int]:
@@ -155,51 +153,28 @@ def bench_targets(
     return {**values, "ADD(-S)": dict(zip(keys, right, strict=True))}
 
 
-def compare_paths(
-    detections: Mapping[str, Sequence[TimedDetection]],
-    scores: Mapping[str, Sequence[TargetScore]],
+def share_of_same(
+    own: Sequence[TimedDetection],
+    other: Sequence[TimedDetection],
     models: Mapping[int, ObjectModel],
-    names: tuple[str, str],
     tolerance: tuple[float, float],
-) -> dict[str, Any]:
-    """How far the results of two paths agree on the same frames.
+) -> float:
+    """Share of two paths' detections of the same objects whose poses are the same.
 
-    `same_pose` is the share of poses within the tolerance (mm, degrees) of each other,
-    `same_verdict` the share of targets that are right by ADD(-S) in both or in neither,
-    `region_iou` the mean overlap of the regions.
+    That is within the tolerance (mm, degrees) of each other, up to the object's symmetries.
     """
-    own, other = (
-        sorted(detections[name], key=lambda found: (*found.frame, found.estimate.object_id))
-        for name in names
+
+    def same(pose: Pose | None, other: Pose | None, model: ObjectModel) -> bool:
+        if pose is None or other is None:
+            return pose is other
+        alike = nearest_symmetric_pose(pose, other, model.symmetries)
+        near = translation_error(pose, alike) * 1e3 <= tolerance[0]
+        return near and bool(np.rad2deg(rotation_error(pose, alike)) <= tolerance[1])
+
+    pairs = [(a.estimate, b.estimate) for a, b in zip(own, other, strict=True)]
+    return float(
+        np.mean([same(a.pose_cam_obj, b.pose_cam_obj, models[a.object_id]) for a, b in pairs])
     )
-    pairs = list(zip(own, other, strict=True))
-    verdicts = [np.array([score.add_correct for score in scores[name]]) for name in names]
-    same = [_same_pose(a.estimate, b.estimate, models, tolerance) for a, b in pairs]
-    return {
-        "same_pose": float(np.mean(same)),
-        "same_verdict": float(np.mean(verdicts[0] == verdicts[1])),
-        "region_iou": float(np.mean([_overlap(a.region, b.region) for a, b in pairs])),
-    }
-
-
-def _same_pose(
-    a: PoseEstimate,
-    b: PoseEstimate,
-    models: Mapping[int, ObjectModel],
-    tolerance: tuple[float, float],
-) -> bool:
-    pose, other = a.pose_cam_obj, b.pose_cam_obj
-    if pose is None or other is None:
-        return pose is other
-    alike = nearest_symmetric_pose(pose, other, models[a.object_id].symmetries)
-    near = translation_error(pose, alike) * 1e3 <= tolerance[0]
-    return near and bool(np.rad2deg(rotation_error(pose, alike)) <= tolerance[1])
-
-
-def _overlap(a: UInt8[np.ndarray, "b"], b: UInt8[np.ndarray, "b"]) -> float:
-    """Intersection over union of two masks, one bit per pixel; 1 if both are empty."""
-    union = int(np.bitwise_count(a | b).sum())
-    return int(np.bitwise_count(a & b).sum()) / union if union else 1.0
 
 
 def load_timed(estimator: PoseEstimator, objects: Mapping[int, str]) -> dict[str, Any]:

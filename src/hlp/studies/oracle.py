@@ -34,7 +34,7 @@ from hlp.records import (
 )
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.heat_maps import oracle_map
-from hlp.reporting.study_tables import format_oracle, head_of, oracle_metrics, write_oracle
+from hlp.reporting.study_tables import format_oracle, head_of, write_oracle
 from hlp.results.recalls import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.runner import stages_of
 from hlp.settings import Doc, Settings
@@ -92,7 +92,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
     an interrupted run continues where it stopped. Everything is logged as one MLflow run.
     """
     dataset, settings = run.dataset, run.settings
-    with study_run(run, output) as (store, tracker):
+    with study_run(run, output) as (store, _):
         keys = sampled_keys(run.keys, task.frames)
         found = _read(_stage(run, stages_of(run, store), task, keys, store), keys)
         loaded = Progress(keys, desc="scores", unit="frame")
@@ -109,7 +109,6 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
         write_target_values(output, oracle_targets(scores), names)
         write_oracle(output, result)
         save_figure(oracle_map(result), output / "oracle")
-        tracker.log_metrics(oracle_metrics(result))
     print(format_oracle(result))
     return result
 

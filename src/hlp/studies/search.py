@@ -111,9 +111,6 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
             if any(trial["error"] is None for trial in result["trials"]):
                 save_figure(search_points(result), output / "search")
             _write_targets(output, result["best"])
-            if result["best"] is not None:
-                found = {name: result["best"][name] for name in ("recall", _TIME)}
-                tracker.log_metrics({f"search/{name}": value for name, value in found.items()})
     print(format_search(result))
     return result
 
