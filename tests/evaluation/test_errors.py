@@ -19,7 +19,6 @@ from hlp.evaluation.errors import (
     mspd,
     mssd,
     near_truth,
-    poses_near_truth,
     rotation_error,
 )
 from hlp.geometry import inverse, nearest_symmetric_pose, rigid, rotation_distance, transform
@@ -143,21 +142,26 @@ def _turned(degrees, millimetres=0.0, axis=(0.0, 1.0, 0.0)):
     return pose
 
 
+def _near(poses, model, settings, bound):
+    centroids = transform(poses, model.centroid[None])[:, 0]
+    found = near_truth(poses[:, :3, :3], centroids, TRUE, model, settings, (bound, bound))
+    return found.tolist()
+
+
 @pytest.mark.parametrize(
     ("degrees", "millimetres", "near"),
     [(0, 0, True), (29.9, 0, True), (30.1, 0, False), (0, 29.9, True), (0, 30.1, False)],
 )
 def test_a_pose_is_near_within_both_bounds_about_the_centroid(degrees, millimetres, near):
     poses = _turned(degrees, millimetres)[None]
-    assert poses_near_truth(poses, TRUE, PLAIN, SETTINGS, (30.0, 30.0)).tolist() == [near]
+    assert _near(poses, PLAIN, SETTINGS, 30.0) == [near]
 
 
 def test_the_turned_pose_of_a_symmetric_object_is_near_only_by_the_policy():
     poses = np.stack([TRUE, TRUE @ BAR_TURN, _turned(90)])
-    near = poses_near_truth(poses, TRUE, BAR, SETTINGS, (5.0, 5.0))
-    assert near.tolist() == [True, True, False]
+    assert _near(poses, BAR, SETTINGS, 5.0) == [True, True, False]
     strict = dataclasses.replace(SETTINGS, symmetric=())
-    assert poses_near_truth(poses, TRUE, BAR, strict, (5.0, 5.0)).tolist() == [True, False, False]
+    assert _near(poses, BAR, strict, 5.0) == [True, False, False]
 
 
 def test_votes_near_the_truth_are_those_that_angles_and_distances_say(monkeypatch):

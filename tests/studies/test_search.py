@@ -18,7 +18,6 @@ from hlp.records import TargetScore
 from hlp.reporting.mlflow.tracking import track_run
 from hlp.reporting.study_tables import format_search
 from hlp.results.poses_file import write_scores
-from hlp.results.recalls import read_target_values
 from hlp.studies import search
 from hlp.studies.search import SearchSettings, check_within, nested, read_space
 
@@ -95,8 +94,6 @@ def test_the_best_trial_is_the_best_within_the_limit(
     with (tmp_path / "out" / "search.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [int(row["refinement.particles"]) for row in rows] == [t["particles"] for t in tried]
-    verdicts = read_target_values(tmp_path / "out")["best ADD(-S)"]
-    assert sum(verdicts.values()) == max(fast) and len(verdicts) == 100
     parent, trials = runs_of(tmp_path)
     assert parent.data.metrics["search/best ADD_-S_"] == max(fast) / 100.0
     logged = [run.data.params["refinement.particles"] for run in trials]
@@ -144,10 +141,8 @@ def test_a_search_goes_on_where_it_stopped(
     count = len(tried)
     for trial in result["trials"]:
         shutil.rmtree(trial["folder"], ignore_errors=True)
-    last = "second" if isinstance(error, KeyboardInterrupt) else "first"
-    assert start(last, f"task.trials={len(result['trials'])}") == result
+    assert start("last", f"task.trials={len(result['trials'])}") == result
     assert len(tried) == count  # nothing is left to try
-    assert read_target_values(tmp_path / last) == {"best ADD(-S)": {}}  # none of the call before
 
 
 def test_a_bug_is_raised_and_no_failed_trial(

@@ -72,6 +72,11 @@ def difference_cells(found: Difference, form: str = "{:+.3f}") -> list[str]:
     return [value, f"{low} to {high}"]
 
 
+def with_ends(found: Difference | None) -> list[str]:
+    """A difference and the ends of its interval, as in figures.csv; empty without one."""
+    return [f"{value:+.3f}" for value in (found[0], *found[1])] if found else [""] * 3
+
+
 def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str) -> str:
     """Tables of the differences between two runs, given their `scores.csv`.
 

@@ -14,13 +14,14 @@ from hlp.reporting.comparison import (
     difference_cells,
     paired_difference,
     recall_of,
+    with_ends,
 )
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import Panel, draw_bars, gain_bar, recall_bar
 from hlp.reporting.results import Result, result_folders
-from hlp.reporting.summary_tables import BOP_RECALLS, result_cells, run_cells
+from hlp.reporting.summary_tables import ADD_CELLS, BOP_RECALLS, run_cells
 from hlp.reporting.sweeps import Sweep, read_sweeps
-from hlp.reporting.table import Table, lay_out, prose, result_difference, result_share
+from hlp.reporting.table import Table, format_share, lay_out, prose
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -174,13 +175,13 @@ def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
 
 def _ladder_figures(steps: Sequence[_Step]) -> Table:
     """Recalls of each step, also of the targets that are mostly hidden, and its gain."""
-    shown = ["add", "add_low", "add_high", "5cm5deg", "iou50", "ar"]
+    shown = {**ADD_CELLS, "5cm5deg": "5cm5deg", "iou50": "IoU.5", "ar": "AR"}
     rows = []
     for step in steps:
-        cells, hidden = result_cells(step.result.summary), step.result.hidden_targets
-        of_hidden = result_share(recall_of(hidden, "add") if hidden else None)
-        recalls, before = [cells[name] for name in shown], step.before if step.gain else ""
-        gain = result_difference(step.gain)
+        cells, hidden = run_cells(step.result.summary), step.result.hidden_targets
+        of_hidden = format_share(recall_of(hidden, "add") if hidden else None)
+        recalls, before = map(cells.__getitem__, shown.values()), step.before if step.gain else ""
+        gain = with_ends(step.gain)
         rows.append([step.name, step.change, *recalls, of_hidden, before, *gain])
     gained = ["from", "gain", "gain_low", "gain_high"]
     return Table(["step", "change", *shown, f"visible_below_{WELL_VISIBLE:g}", *gained], rows)

@@ -16,7 +16,7 @@ from hlp.reporting.summary_tables import (
     run_numbers,
     sure_answers,
 )
-from hlp.reporting.table import Table, format_share, result_share
+from hlp.reporting.table import Table, format_share
 from hlp.results.recalls import reliability
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def recording_figures(repeats: Repeats) -> Table:
     seeds = sorted({result.seed for own in repeats.values() for result in own})
     rows = []
     for data, own in repeats.items():
-        numbers, ends = _numbers_by_seed(own), [*map(result_share, own[0].add["ci95"])]
+        numbers, ends = _numbers_by_seed(own), [*map(format_share, own[0].add["ci95"])]
         counts = [*map(str, _counts(own)), f"{numbers['ms'].mean():.0f}"]
         rows.append([data, str(own[0].targets), *_mean_cells(numbers, seeds, ends), *counts])
         hidden = {result.seed: targets for result in own if (targets := result.hidden_targets)}
@@ -143,8 +143,8 @@ def recording_figures(repeats: Repeats) -> Table:
 def _mean_cells(numbers: pd.DataFrame, seeds: Sequence[str], ends: Sequence[str]) -> list[str]:
     by_seed = numbers["ADD(-S)"].reindex(seeds)
     means = numbers.mean(skipna=False).reindex(["ADD(-S)", "5cm5deg", "AR", "ECE"])
-    add, *others = map(result_share, means)
-    return [*map(result_share, by_seed), add, *ends, *others]
+    add, *others = map(format_share, means)
+    return [*map(format_share, by_seed), add, *ends, *others]
 
 
 def draw_scores(repeats: Repeats) -> "Figure | None":

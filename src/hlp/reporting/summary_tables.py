@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any
 
-from hlp.reporting.table import Table, format_interval, format_share, lay_out, prose, result_share
+from hlp.reporting.table import Table, format_interval, format_share, lay_out, prose
 from hlp.results.recalls import CORRECT
 
 METRIC_LABELS = {"add": "ADD(-S)", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
@@ -18,6 +18,8 @@ VOTE_LABELS = {
 """What people call the shares of votes in `summary.json`."""
 WATERFALL_GROUPS = {"per_object": "object", "per_visibility": "visible fraction"}
 """How the waterfall of `summary.json` is divided, and what people call it."""
+ADD_CELLS = {"add": "ADD(-S)", "add_low": "low", "add_high": "high"}
+"""Columns of figures.csv, and the numbers of `run_numbers` that stand there."""
 BOP_RECALLS = ("vsd", "mssd", "mspd")
 """BOP's recalls in `summary.json`, of which `ar` is the mean."""
 RECALL = "Recall: the share of targets (objects to be found in a frame) with a correct pose."
@@ -123,13 +125,6 @@ def run_cells(summary: Mapping[str, Any]) -> dict[str, str]:
         "95 %": format_interval(summary["metrics"]["add"]["ci95"]),
         "load": f"{numbers['load']:.1f}",
     }
-
-
-def result_cells(summary: Mapping[str, Any]) -> dict[str, str]:
-    """The main recalls of a run as result files have them; empty where not measured."""
-    names = {"add_low": "low", "add_high": "high", "ar": "AR", **METRIC_LABELS}
-    numbers = run_numbers(summary)
-    return {name: result_share(numbers[column]) for name, column in names.items()}
 
 
 def bop_words(summary: Mapping[str, Any]) -> str:

@@ -110,18 +110,3 @@ def format_share(value: float | None, digits: int = 3) -> str:
 def format_interval(ends: Sequence[float]) -> str:
     """The 95 % interval of a share."""
     return "-".join(format_share(end) for end in ends)
-
-
-def result_share(value: float | None, form: str = "{:.3f}") -> str:
-    """A share as result files have it, without a leading zero: `.971`; empty as there."""
-    if value is None or math.isnan(value):
-        return ""
-    rounded = round(value, 3)
-    return (form if rounded else "{:.3f}").format(rounded + 0.0).replace("0.", ".", 1)
-
-
-def result_difference(found: tuple[float, tuple[float, float]] | None) -> list[str]:
-    """A difference of shares and the ends of its interval, as result files have them."""
-    if found is None:
-        return ["", "", ""]
-    return [result_share(value, "{:+.3f}") for value in (found[0], *found[1])]

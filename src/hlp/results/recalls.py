@@ -214,10 +214,6 @@ def _bootstrap(
 
 def reliability(scores: Values, right: Values, bins: int = 10) -> Float[np.ndarray, "b 3"]:
     """Number of answers, mean score and share of right ones of each bin that has any."""
-    if len(scores) == 0:
-        raise ValueError("no answer to calibrate")
-    if not ((scores >= 0.0) & (scores <= 1.0)).all():
-        raise ValueError("scores must be probabilities, from 0 to 1")
     place = np.minimum((scores * bins).astype(int), bins - 1)
     count, total, hits = (
         np.bincount(place, weights, bins) for weights in (None, scores, right.astype(float))

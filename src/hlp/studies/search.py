@@ -19,14 +19,14 @@ from hlp.errors import ConfigError, MissingDependencyError, is_expected
 from hlp.files import SCORES, write_json
 from hlp.folders import locked
 from hlp.method.find.estimator import derive_seed
-from hlp.reporting.comparison import ScoredTarget, paired_difference, read_targets, surely
+from hlp.reporting.comparison import paired_difference, read_targets, surely
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.heat_maps import search_points
 from hlp.reporting.mlflow.pages import short_name
 from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
 from hlp.reporting.study_tables import format_search, write_search
-from hlp.results.recalls import TargetKey, write_target_values
+from hlp.results.recalls import TargetKey
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
 from hlp.stages.manifest import fingerprint
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 _NOT_SEARCHED = ("output", "work", "reporting", "panels", "task")
 _RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
 _KEY = "task.space.parameters"
-Targets = dict[TargetKey, ScoredTarget]
 Space = Mapping[str, "BaseDistribution"]
 """What may be changed, by dotted key."""
 
@@ -79,7 +78,7 @@ class SearchSettings(Settings):
 def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
     """Run trials until the study has `task.trials`; return what search.json holds.
 
-    Written are search.json, .csv, .md, targets.csv, and, if a trial succeeded, .png and .svg.
+    Written are search.json, .csv, .md, and, if a trial succeeded, .png and .svg.
 
     Each trial is a run. The first one is the unchanged configuration. A trial that fails (HlpError,
     OSError) is a FAILED run, and the search continues; a trial that was interrupted is repeated
@@ -110,26 +109,15 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
             write_search(output, result)
             if any(trial["error"] is None for trial in result["trials"]):
                 save_figure(search_points(result), output / "search")
-            _write_targets(output, result["best"])
     print(format_search(result))
     return result
 
 
-def _write_targets(output: Path, best: Mapping[str, Any] | None) -> None:
-    """Write targets.csv: the verdict by ADD(-S) of each target in the best trial.
-
-    Without any target, if there is no such trial or its files were removed since.
-    """
-    targets, right = ({}, {}) if best is None else _verdicts(best)
-    names = {key[2]: target.name for key, target in targets.items()}
-    write_target_values(output, {"best ADD(-S)": right}, names)
-
-
-def _verdicts(trial: Mapping[str, Any]) -> tuple[Targets, dict[TargetKey, float]]:
-    """A trial's targets and their verdicts by ADD(-S); none if its files were removed since."""
+def _verdicts(trial: Mapping[str, Any]) -> dict[TargetKey, float]:
+    """Verdicts by ADD(-S) of a trial's targets; none if its files were removed since."""
     scores = Path(trial["folder"], SCORES)
     targets = read_targets(scores) if scores.is_file() else {}
-    return targets, {key: float(target.correct("add")) for key, target in targets.items()}
+    return {key: float(target.correct("add")) for key, target in targets.items()}
 
 
 def _study_name(run: Run, task: SearchSettings) -> str:
@@ -220,7 +208,7 @@ def _result(task: SearchSettings, trials: list[dict[str, Any]]) -> dict[str, Any
     within = [t for t in trials if t["error"] is None and t["time_ms"] <= task.limit_ms]
     best = max(within, key=lambda trial: (trial["recall"], -trial["time_ms"]), default=None)
     if best is not None and within[0]["trial"] == 0:
-        gain = paired_difference(_verdicts(within[0])[1], _verdicts(best)[1])
+        gain = paired_difference(_verdicts(within[0]), _verdicts(best))
         best = within[0] if gain is not None and not surely(gain) else best
     return {"space": task.space.name, "limit_ms": task.limit_ms, "best": best, "trials": trials}
 
