@@ -44,5 +44,4 @@ def bench_result() -> dict[str, Any]:
         "memory": {"peak_mib": 900.0},
         "paths": {"configured": bench_path(1.0, 0.8), "reference": bench_path(3.0, 0.7)},
         "tolerance": {"mm": 1.0, "deg": 0.5},
-        "objects_at_once": {"median_ms": 17.0, "p95_ms": 30.0, "cpu_ms": 31.0},
     }

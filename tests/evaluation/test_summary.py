@@ -17,10 +17,9 @@ from hlp.evaluation.summary import (
     scores_in_vain,
     summarise,
     summarise_calibration,
-    with_interval,
 )
 from hlp.records import PoseEstimate, Target, TargetScore
-from hlp.results.recalls import METRICS, reliability
+from hlp.results.recalls import reliability
 
 SETTINGS = EvaluationSettings("bop", (), bootstrap=2000)
 NAMES = {1: "ape", 6: "cat"}
@@ -103,24 +102,6 @@ def test_it_is_strict_json_even_if_nothing_was_found():
         "mean_object": 0.0,
     }
     json.dumps(_summary(), allow_nan=False)
-
-
-def test_the_interval_is_that_of_a_binomial_where_frames_are_independent():
-    rng = np.random.default_rng(0)
-    scores = [_score(i, 6, bool(rng.random() < 0.8)) for i in range(400)]
-    recall = np.mean([score.add_correct for score in scores])
-    low, high = with_interval(scores, METRICS["add"], 4000, seed=1)["ci95"]
-    half = 1.96 * np.sqrt(recall * (1 - recall) / 400)
-    assert high - low == pytest.approx(2 * half, rel=0.35)  # 20 blocks
-    assert low < recall < high
-
-
-def test_targets_of_one_frame_are_drawn_together():
-    # Twenty targets a frame, all right or all wrong: as uncertain as one target a frame.
-    frames = [_score(i, 6, i % 3 != 0) for i in range(40)]
-    crowded = [score for score in frames for _ in range(20)]
-    single = with_interval(frames, METRICS["add"], 1000, seed=2)["ci95"]
-    assert with_interval(crowded, METRICS["add"], 1000, seed=2)["ci95"] == pytest.approx(single)
 
 
 def test_absent_objects_are_counted_once_a_frame_by_their_best_answer():

@@ -54,8 +54,6 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
             assert spreads["network" if view == "first" else "refine"]["median_ms"] > 0
             assert all(spread["median_ms"] <= spread["p95_ms"] for spread in spreads.values())
             assert spreads["total"]["cpu_ms"] > 0
-    at_once = result["objects_at_once"]
-    assert 0 < at_once["median_ms"] <= at_once["p95_ms"] and at_once["cpu_ms"] > 0
     workload, loading = result["workload"], result["loading_s"]
     assert (workload["frames"], workload["image"], workload["particles"]) == (2, [320, 240], 25)
     assert set(workload["objects"]) == set(loading["objects"]) and len(loading["objects"]) == 8

@@ -58,8 +58,8 @@ def test_a_sweep_gets_figure_and_table_in_every_format_and_the_same_again(tmp_pa
     assert figures.read_text().splitlines()[:3] == [
         "figure,setting,value,add,add_low,add_high,5cm5deg,ar,difference,difference_low,"
         "difference_high",
-        f'9c,"{keys} paper","{{2°, 2 mm}}",.500,.400,.540,.300,,-.250,-.500,.000',
-        f'9c,"{keys} paper","{{5°, 5 mm}}",.600,.500,.640,.400,,,,',
+        f'9c,"{keys} paper","{{2°, 2 mm}}",0.500,0.400,0.540,0.300,,-0.250,-0.500,+0.000',
+        f'9c,"{keys} paper","{{5°, 5 mm}}",0.600,0.500,0.640,0.400,,,,',
     ]
     before = [path.read_bytes() for path in files]
     assert [path.read_bytes() for path in write_reports(folder)] == before
@@ -200,9 +200,9 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
     assert figures.read_text().splitlines() == [
         "step,change,add,add_low,add_high,5cm5deg,iou50,ar,visible_below_0.6,from,gain,gain_low,"
         "gain_high",
-        "literal,what literal is,.250,.150,.290,.050,.300,.500,1.000,,,,",
-        "modes,what modes is,.750,.650,.790,.550,.800,.625,1.000,literal,+.500,-.102,+.850",
-        "best,what best is,.750,.650,.790,.550,.800,.750,.000,modes,.000,-.500,+.500",
+        "literal,what literal is,0.250,0.150,0.290,0.050,0.300,0.500,1.000,,,,",
+        "modes,what modes is,0.750,0.650,0.790,0.550,0.800,0.625,1.000,literal,+0.500,-0.102,+0.850",
+        "best,what best is,0.750,0.650,0.790,0.550,0.800,0.750,0.000,modes,+0.000,-0.500,+0.500",
     ]
     text = markdown.read_text()
     assert "Made by `hlp -m experiment=ladder`." in text and "what modes is" in text

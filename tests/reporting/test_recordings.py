@@ -43,8 +43,8 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     ]
     assert figures.read_text().splitlines() == [
         f"data,targets,add_seed_0,add,add_low,add_high,5cm5deg,ar,ece,{COUNTED}",
-        "board,20,.900,.900,.800,.940,.700,.700,,12,2,17,1,40",
-        "demo,20,.700,.700,.600,.740,.500,,,12,2,17,1,40",
+        "board,20,0.900,0.900,0.800,0.940,0.700,0.700,,12,2,17,1,40",
+        "demo,20,0.700,0.700,0.600,0.740,0.500,,,12,2,17,1,40",
     ]
     text = markdown.read_text()
     assert "Made by `hlp -m experiment=recordings data_folder=data`." in text
@@ -74,9 +74,9 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
     assert [row["AR"] for row in rows[4:]] == ["0.700", "0.700", "0.700", "0.0000"]
     assert figures.read_text().splitlines() == [
         f"data,targets,add_seed_0,add_seed_1,add,add_low,add_high,5cm5deg,ar,ece,{COUNTED}",
-        "board,20,.900,.800,.850,.800,.940,.650,.700,,0,0,0,0,45",
-        "board below 0.6 visible,1,.000,1.000,.500,,,.500,,,,,,,",
-        "demo,20,.700,.700,.700,.600,.740,.500,.700,,0,0,0,0,45",
+        "board,20,0.900,0.800,0.850,0.800,0.940,0.650,0.700,,0,0,0,0,45",
+        "board below 0.6 visible,1,0.000,1.000,0.500,,,0.500,,,,,,,",
+        "demo,20,0.700,0.700,0.700,0.600,0.740,0.500,0.700,,0,0,0,0,45",
     ]
     assert "spread: standard deviation between seeds." in (folder / "recordings.md").read_text()
 

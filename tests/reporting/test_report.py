@@ -176,8 +176,8 @@ def test_targets_of_other_objects_do_not_count() -> None:
     table = selection_table(SCORES, ["cat", "duck"])
     assert table.header[:3] == ["visible", "targets", "ADD(-S)"]
     every, seen, hidden = table.rows
-    assert every == ["all", "4", "0.500", "0.000", "0.750", "0.333", "0.000", "0.500"]
-    assert seen[:3] == ["0.6 and more", "3", "0.667"] and seen[5] == "0.500"
+    assert every == ["all", "4", "0.500", "0.000", "0.750"]
+    assert seen[:3] == ["0.6 and more", "3", "0.667"]
     assert hidden[:3] == ["less than 0.6", "1", "0.000"]
 
 

@@ -49,7 +49,7 @@ def write_oracle(folder: Path, particles: int) -> None:
     cells = [
         {"region": region, "coarse": coarse, "add": {"recall": recall, "ci95": [0.1, 0.9]}}
         for region in ("estimated", "true")
-        for coarse in ("estimated", "true", "noisy")
+        for coarse in ("estimated", "true")
     ]
     lost = {"region": 0.01, "coarse pose": -0.02, "fine pose": 0.1}
     begin_study(folder, "oracle", particles)

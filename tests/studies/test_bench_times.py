@@ -13,7 +13,6 @@ from hlp.studies.bench_times import (
     bench_targets,
     share_of_same,
     summarise_path,
-    summarise_spent,
 )
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -81,11 +80,6 @@ def test_poses_are_the_same_within_the_tolerance_up_to_symmetry(pose, same):
     looks = [[look(1, 0, {}, posed())], [look(1, 0, {}, pose)]]
     assert share_of_same(*looks, MODELS, (1.0, 0.5)) == float(same)
     assert share_of_same(looks[1], looks[1], MODELS, (1.0, 0.5)) == 1.0
-
-
-def test_times_of_whole_frames_have_median_and_spread():
-    found = summarise_spent([Spent(0.04, 0.05), Spent(0.08, 0.01)])
-    assert found == pytest.approx({"median_ms": 60, "p95_ms": 78, "cpu_ms": 30})
 
 
 def spin(seconds):

@@ -39,7 +39,9 @@ def start(tmp_path: Path) -> Callable[..., dict[str, Any]]:
         with initialize_config_dir(str(config_folder()), version_base="1.3"):
             run = build_run(compose("config", overrides=list(given)))
         assert isinstance(run.settings.task, SearchSettings)
-        return search.run_search(run, run.settings.task, tmp_path / output)
+        run.settings.task.run(run, tmp_path / output)
+        result: dict[str, Any] = json.loads((tmp_path / output / "search.json").read_text())
+        return result
 
     return call
 
@@ -90,7 +92,6 @@ def test_the_best_trial_is_the_best_within_the_limit(
     fast = [trial["particles"] for trial in tried if 10.0 * trial["particles"] <= LIMIT]
     assert slow and fast
     assert result["best"]["values"]["refinement.particles"] == max(fast)
-    assert json.loads((tmp_path / "out" / "search.json").read_text()) == result
     with (tmp_path / "out" / "search.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [int(row["refinement.particles"]) for row in rows] == [t["particles"] for t in tried]

@@ -34,13 +34,8 @@ def format_bench(result: Result, layout: str = "text") -> str:
             "".format(**result["tolerance"]),
             comparison_table(result),
         ]
-    one_by_one = result["paths"][CONFIGURED]["frame"][TOTAL]["median_ms"]
     loading, objects = result["loading_s"], [*result["loading_s"]["objects"].values()]
     parts += [
-        "A whole frame, its objects searched at once by several threads as by the Python API and"
-        " hlp predict: {median_ms:.1f} ms (95 %: {p95_ms:.1f}; CPU {cpu_ms:.1f}); one after"
-        " another: ".format(**result["objects_at_once"])
-        + f"{one_by_one:.1f} ms",
         f"Loading (s): classifier {loading['classifier']:.2f}, encoder {loading['encoder']:.2f},"
         f" each object {sum(objects) / len(objects):.2f} (at most {max(objects):.2f}).",
         f"Peak memory: {result['memory']['peak_mib']:.0f} MiB with all objects loaded.",

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from hlp.errors import DataError, InputError, MissingFileError
@@ -248,32 +247,27 @@ def report_selection(folder: Path, objects: str, layout: str) -> str:
 
 
 def selection_table(scores: Sequence[ScoredTarget], names: Sequence[str]) -> Table:
-    """Recall over the targets of the named objects, and the mean of the objects' recalls.
-
-    Raises InputError naming an object that has no target.
-    """
+    """Recall over the targets of the named objects. Raises InputError for one without a target."""
     known = dict.fromkeys(target.name for target in scores)
     for name in names:
         if name not in known:
             raise InputError(f"objects: no target is a {name}; there are {', '.join(known)}")
-    metrics = list(METRIC_LABELS)
     chosen = [target for target in scores if target.name in names]
-    verdicts = pd.DataFrame([[target.correct(m) for m in metrics] for target in chosen])
-    objects = pd.Series([target.name for target in chosen])
-    visible = np.array([target.score.visible_fraction for target in chosen])
     groups = {
-        "all": np.full(len(chosen), True),
-        f"{WELL_VISIBLE:g} and more": visible >= WELL_VISIBLE,
-        f"less than {WELL_VISIBLE:g}": visible < WELL_VISIBLE,
+        "all": chosen,
+        f"{WELL_VISIBLE:g} and more": [
+            target for target in chosen if target.score.visible_fraction >= WELL_VISIBLE
+        ],
+        f"less than {WELL_VISIBLE:g}": [
+            target for target in chosen if target.score.visible_fraction < WELL_VISIBLE
+        ],
     }
     rows = []
     for title, group in groups.items():
-        if group.any():
-            own = verdicts[group]
-            means = [*own.mean(), *own.groupby(objects[group]).mean().mean()]
-            rows.append([title, str(len(own)), *map(format_share, means)])
-    shown = METRIC_LABELS.values()
-    return Table(["visible", "targets", *shown, *(f"mean {label}" for label in shown)], rows)
+        if group:
+            recalls = (format_share(recall_of(group, metric)) for metric in METRIC_LABELS)
+            rows.append([title, str(len(group)), *recalls])
+    return Table(["visible", "targets", *METRIC_LABELS.values()], rows)
 
 
 def _listed(words: str) -> list[str]:

@@ -153,8 +153,8 @@ KINDS: Mapping[str, Kind] = {
         "oracle.json",
         _read_oracle,
         "ADD(-S) recall of all targets. Columns are region and coarse pose: est = estimated, true ="
-        " replaced by the truth, true± = the true pose, turned and shifted at random. The fine pose"
-        " is always estimated. Lost: what each stage costs in recall.",
+        " replaced by the truth. The fine pose is always estimated. Lost: what each stage costs in"
+        " recall.",
     ),
     "basin": Kind(
         "basin.csv",

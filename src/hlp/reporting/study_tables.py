@@ -11,9 +11,9 @@ from hlp.reporting.table import Table, lay_out, prose
 
 Result = Mapping[str, Any]
 
-_SHORT = {"estimated": "est", "true": "true", "noisy": "true±"}
+_SHORT = {"estimated": "est", "true": "true"}
 ALL_TARGETS = "all targets"
-_STAGES = ("region", "coarse", "fine")
+_STAGES = ("region", "coarse")
 _ORACLE = ("object", *_STAGES, "targets", "add_recall", "ci95_low", "ci95_high")
 
 
@@ -42,10 +42,8 @@ def format_oracle(result: Result, layout: str = "text") -> str:
     lost = ", ".join(f"{stage} {share:+.3f}" for stage, share in result["lost"].items())
     caption = (
         f"ADD(-S) recall (95 % interval) of {result['frames']} frames. Columns are region and"
-        " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose"
-        f" turned by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm."
-        " The fine pose is always estimated. The true coarse pose is given only if the region"
-        " shows any part of the target."
+        " coarse pose: est = estimated, true = replaced by the truth. The fine pose is always"
+        " estimated. The true coarse pose is given only if the region shows any part of the target."
     )
     conclusion = (
         f"Recall lost by each stage: {lost}. A wrong choice among the hypotheses counts as a"

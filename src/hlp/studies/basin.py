@@ -75,30 +75,25 @@ class BasinSettings(Settings):
                 raise SettingsError(key, f"is {list(values)}: list each once, one at least")
 
     def run(self, run: Run, output: Path) -> None:
-        """See `run_basin`."""
-        run_basin(run, self, output)
+        """Refine the same perturbed poses with every refiner.
 
-
-def run_basin(run: Run, task: BasinSettings, output: Path) -> pd.DataFrame:
-    """Refine the same perturbed poses with every refiner; return what basin.csv holds.
-
-    Writes basin.md, basin.csv, targets.csv, heatmaps/, report.html and manifest.json. Nothing is
-    learnt. The refined poses of each refiner are a stage, so an interrupted run continues where it
-    stopped. Everything is logged as one MLflow run.
-    """
-    with study_run(run, output) as (store, _):
-        keys = sampled_keys(run.keys, task.frames)
-        folders = {name: _stage(run, task, name, keys, store) for name in task.compared}
-        tried = {name: _score(run, task, keys, folder) for name, folder in folders.items()}
-        cells = basin_cells(pd.concat(tried, names=["refiner"]).reset_index("refiner"))
-        write_basins(output, cells)
-        recalls = {
-            name: found.groupby("target")["right"].mean().to_dict() for name, found in tried.items()
-        }
-        write_target_values(output, recalls, object_names(run))
-        draw_basins(output / "heatmaps", cells)
-    print(format_basins(cells))
-    return cells
+        Writes basin.md, basin.csv, targets.csv, heatmaps/, report.html and manifest.json. Nothing
+        is learnt. The refined poses of each refiner are a stage, so an interrupted run continues
+        where it stopped. Everything is logged as one MLflow run.
+        """
+        with study_run(run, output) as (store, _):
+            keys = sampled_keys(run.keys, self.frames)
+            folders = {name: _stage(run, self, name, keys, store) for name in self.compared}
+            tried = {name: _score(run, self, keys, folder) for name, folder in folders.items()}
+            cells = basin_cells(pd.concat(tried, names=["refiner"]).reset_index("refiner"))
+            write_basins(output, cells)
+            recalls = {
+                name: found.groupby("target")["right"].mean().to_dict()
+                for name, found in tried.items()
+            }
+            write_target_values(output, recalls, object_names(run))
+            draw_basins(output / "heatmaps", cells)
+        print(format_basins(cells))
 
 
 def _stage(

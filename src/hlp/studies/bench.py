@@ -1,6 +1,5 @@
 """Time and memory of each part of detection, and of other settings on the same frames."""
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,6 @@ from hlp.config.build import Run, sampled_keys, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json, write_text
-from hlp.method.find.detections import describe_all
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.settings import FindSettings
@@ -28,7 +26,6 @@ from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.bench_times import (
     PartClock,
-    Spent,
     TimedDetection,
     bench_targets,
     describe_machine,
@@ -36,7 +33,6 @@ from hlp.studies.bench_times import (
     peak_mib,
     share_of_same,
     summarise_path,
-    summarise_spent,
 )
 from hlp.studies.study_run import FrameCount, object_names, study_run
 
@@ -61,43 +57,36 @@ class BenchSettings(Settings):
     ] = field(default_factory=dict)
 
     def run(self, run: Run, output: Path) -> None:
-        """See `run_bench`."""
-        run_bench(run, self, output)
+        """Time every path on the same frames; write bench.json, .md, .png, .svg and targets.csv.
 
-
-def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
-    """Time every path on the same frames; write bench.json, .md, .png, .svg and targets.csv.
-
-    A path is one set of settings: the configured one, and those of `task.compared`. Outputs of
-    training are reused, or made first. Each path is run once before the measurement. Raises
-    ConfigError naming a wrong key of `task.compared`, before anything is learnt.
-    """
-    paths = {CONFIGURED: run.settings}
-    paths |= {name: with_changes(run, changes) for name, changes in task.compared.items()}
-    with study_run(run, output) as (store, _):
-        machine = describe_machine(run.settings)
-        keys = sampled_keys(run.keys, task.frames)
-        for settings in paths.values():
-            TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
-        frame = run.dataset.frames.load(keys[0])
-        estimators, loaded, peak = _make_estimators(run, paths, store, frame)
-        detections = _measure(run, estimators, keys)
-        paths_found, targets = _summarise(run, task, keys, detections)
-        result = {
-            "machine": machine,
-            "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
-            "loading_s": loaded,
-            "memory": {"peak_mib": peak},
-            "paths": paths_found,
-            "tolerance": {"mm": task.same_mm, "deg": task.same_deg},
-            "objects_at_once": _objects_at_once(run, estimators[CONFIGURED], keys),
-        }
-        write_json(output / "bench.json", result)
-        write_target_values(output, targets, object_names(run))
-        write_text(output / "bench.md", format_bench(result, "markdown") + "\n")
-        save_figure(bench_bars(result), output / "bench")
-    print(format_bench(result))
-    return result
+        A path is one set of settings: the configured one, and those of `compared`. Outputs of
+        training are reused, or made first. Each path is run once before the measurement. Raises
+        ConfigError naming a wrong key of `compared`, before anything is learnt.
+        """
+        paths = {CONFIGURED: run.settings}
+        paths |= {name: with_changes(run, changes) for name, changes in self.compared.items()}
+        with study_run(run, output) as (store, _):
+            machine = describe_machine(run.settings)
+            keys = sampled_keys(run.keys, self.frames)
+            for settings in paths.values():
+                TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
+            frame = run.dataset.frames.load(keys[0])
+            estimators, loaded, peak = _make_estimators(run, paths, store, frame)
+            detections = _measure(run, estimators, keys)
+            measured, targets = _summarise(run, self, keys, detections)
+            result = {
+                "machine": machine,
+                "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
+                "loading_s": loaded,
+                "memory": {"peak_mib": peak},
+                "paths": measured,
+                "tolerance": {"mm": self.same_mm, "deg": self.same_deg},
+            }
+            write_json(output / "bench.json", result)
+            write_target_values(output, targets, object_names(run))
+            write_text(output / "bench.md", format_bench(result, "markdown") + "\n")
+            save_figure(bench_bars(result), output / "bench")
+        print(format_bench(result))
 
 
 def _summarise(
@@ -167,22 +156,6 @@ def _detect_all(
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
         found.append(TimedDetection(estimate, place, spent))
     return found
-
-
-def _objects_at_once(run: Run, estimator: PoseEstimator, keys: Sequence[str]) -> dict[str, float]:
-    """Times of whole frames whose objects are searched at once by several threads.
-
-    So do `Detector` and `hlp predict`. The paths search one after another, to measure the parts.
-    """
-    spent = []
-    for key in Progress(keys, desc="objects at once", unit="frame"):
-        frame = run.dataset.frames.load(key)
-        begun, busy = time.perf_counter(), time.process_time()
-        context, counts = estimator.prepare(frame), run.dataset.instances_to_find(frame)
-        trace = search_frame(estimator, context, counts, min_score=0.0)
-        describe_all(estimator, context, trace)
-        spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
-    return summarise_spent(spent)
 
 
 def _workload(run: Run, estimator: PoseEstimator, frame: Frame, frames: int) -> dict[str, Any]:

@@ -127,12 +127,6 @@ def _spreads(wall: pd.DataFrame, cpu: pd.DataFrame) -> dict[str, dict[str, float
     return spreads if len(wall) else {}
 
 
-def summarise_spent(spent: Sequence[Spent]) -> dict[str, float]:
-    """Median and 95th percentile of the wall time (ms), and median of the CPU time."""
-    wall, cpu = (pd.DataFrame({"": [1e3 * times[place] for times in spent]}) for place in (0, 1))
-    return _spreads(wall, cpu)[""]
-
-
 def bench_targets(
     detections: Sequence[TimedDetection], scores: Sequence[TargetScore]
 ) -> dict[str, dict[TargetKey, float]]:

@@ -71,46 +71,36 @@ class SearchSettings(Settings):
     space: SpaceSettings
 
     def run(self, run: Run, output: Path) -> None:
-        """See `run_search`."""
-        run_search(run, self, output)
+        """Run trials until the study has `trials`; write search.json, .csv, .md, .png and .svg.
 
-
-def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
-    """Run trials until the study has `task.trials`; return what search.json holds.
-
-    Written are search.json, .csv, .md, and, if a trial succeeded, .png and .svg.
-
-    Each trial is a run. The first one is the unchanged configuration. A trial that fails (HlpError,
-    OSError) is a FAILED run, and the search continues; a trial that was interrupted is repeated
-    with the same values. Any other exception is a bug: it is raised, and its trial is not counted.
-
-    Raises MissingDependencyError without Optuna, ConfigError if the space names a wrong setting or
-    value, and InputError if another process works on this search.
-    """
-    if find_spec("optuna") is None:
-        raise MissingDependencyError(
-            "task=search needs the extra 'search': pip install 'hlp[search]'"
-        )
-    space = read_space(task.space.parameters)
-    own = check_within(space, run.config)
-    for changed in ({key: end} for key, of in space.items() for end in _ends(of)):
-        with_changed_run(run, nested(changed))  # if ends are accepted, all others are
-    folder = Path(run.settings.work).absolute() / "search" / _study_name(run, task)
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder / "study.lock", f"another process works on the search in {folder}"):
-        study = _open(folder, run.settings.seed, own)
-        resumed = study.user_attrs.get(_RUN_ID)
-        with study_run(run, output, resumed) as (_, tracker):
-            study.set_user_attr(_RUN_ID, tracker.run_id)
-            while len(_trials(study, folder)) < task.trials:
-                _try(study, run, task, space, folder, tracker.run_id)
-            result = _result(task, _trials(study, folder))
-            write_json(output / "search.json", result)
-            write_search(output, result)
-            if any(trial["error"] is None for trial in result["trials"]):
-                save_figure(search_points(result), output / "search")
-    print(format_search(result))
-    return result
+        Each trial is a run; the first is the unchanged configuration. One that fails (HlpError,
+        OSError) is a FAILED run, and the search continues; one that was interrupted is repeated.
+        Any other exception is a bug: it is raised, and its trial is not counted. Raises ConfigError
+        if the space names a wrong setting or value, InputError if another process works on this.
+        """
+        if find_spec("optuna") is None:
+            raise MissingDependencyError(
+                "task=search needs the extra 'search': pip install 'hlp[search]'"
+            )
+        space = read_space(self.space.parameters)
+        own = check_within(space, run.config)
+        for changed in ({key: end} for key, of in space.items() for end in _ends(of)):
+            with_changed_run(run, nested(changed))  # if ends are accepted, all others are
+        folder = Path(run.settings.work).absolute() / "search" / _study_name(run, self)
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked(folder / "study.lock", f"another process works on the search in {folder}"):
+            study = _open(folder, run.settings.seed, own)
+            resumed = study.user_attrs.get(_RUN_ID)
+            with study_run(run, output, resumed) as (_, tracker):
+                study.set_user_attr(_RUN_ID, tracker.run_id)
+                while len(_trials(study, folder)) < self.trials:
+                    _try(study, run, self, space, folder, tracker.run_id)
+                result = _result(self, _trials(study, folder))
+                write_json(output / "search.json", result)
+                write_search(output, result)
+                if any(trial["error"] is None for trial in result["trials"]):
+                    save_figure(search_points(result), output / "search")
+        print(format_search(result))
 
 
 def _verdicts(trial: Mapping[str, Any]) -> dict[TargetKey, float]:
