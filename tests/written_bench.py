@@ -18,16 +18,12 @@ def bench_path(scale: float, recall: float) -> dict[str, Any]:
 
 def bench_result() -> dict[str, Any]:
     """The configured path and one that takes three times as long."""
-    versions = {"python": "3", "torch": "2", "numba": "0", "numpy": "2"}
     return {
         "machine": {
             "cpu": "Quick 9000",
             "cores": 2,
-            "memory_mib": 8192,
-            "gpu": None,
+            "threads": 2,
             "load": 0.1,
-            "threads": {"machine": 2, "torch": 2, "opencv": 2},
-            "versions": versions,
         },
         "workload": {
             "experiment": "demo",

@@ -18,7 +18,7 @@ def cells(text: str, name: str) -> list[str]:
 
 def test_tables_state_the_machine_and_every_unit() -> None:
     text = format_bench(bench_result(), "markdown")
-    for words in ("Quick 9000, 2 cores, 8 GiB", "1 objects, 57600 codebook", "25 particles"):
+    for words in ("Quick 9000, 2 cores; threads: 2", "1 objects, 57600 codebook", "25 particles"):
         assert words in text
     row = ["10.0", "20.0", "15.0", "2.5", "5.0", "3.8", "20.0", "40.0", "30.0"]
     assert cells(text, "network") == row

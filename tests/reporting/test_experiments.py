@@ -201,7 +201,8 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
         "step,change,add,add_low,add_high,5cm5deg,iou50,ar,visible_below_0.6,from,gain,gain_low,"
         "gain_high",
         "literal,what literal is,0.250,0.150,0.290,0.050,0.300,0.500,1.000,,,,",
-        "modes,what modes is,0.750,0.650,0.790,0.550,0.800,0.625,1.000,literal,+0.500,-0.102,+0.850",
+        "modes,what modes is,0.750,0.650,0.790,0.550,0.800,0.625,1.000,"
+        "literal,+0.500,-0.102,+0.850",
         "best,what best is,0.750,0.650,0.790,0.550,0.800,0.750,0.000,modes,+0.000,-0.500,+0.500",
     ]
     text = markdown.read_text()

@@ -13,7 +13,6 @@ from hlp.results.recalls import (
     BLOCK,
     blocks_of,
     difference_interval,
-    median_difference_interval,
     numbered_targets,
     read_target_values,
     recall_interval,
@@ -88,19 +87,6 @@ def test_a_differences_interval_is_that_of_all_resamples() -> None:
     exact = np.percentile(differences, [2.5, 97.5])
     found = difference_interval(first, second, blocks, 20_000, seed=1)
     np.testing.assert_allclose(found, exact, atol=0.02)
-
-
-def test_a_difference_of_medians_has_the_interval_of_all_resamples() -> None:
-    blocks = np.array([3, 0, 0, 1, 1, 2, 3, 3, 0, 3, 4])  # in any order
-    rng = np.random.default_rng(0)
-    first, second = rng.gamma(3.0, 10.0, (2, 11))
-    differences = []
-    for drawn in itertools.product(range(5), repeat=5):
-        chosen = np.concatenate([np.flatnonzero(blocks == block) for block in drawn])
-        differences.append(np.median(second[chosen]) - np.median(first[chosen]))
-    exact = np.percentile(differences, [2.5, 97.5])
-    found = median_difference_interval(first, second, blocks, 20_000, seed=1)
-    np.testing.assert_allclose(found, exact, atol=0.05 * np.ptp(exact))
 
 
 def test_values_are_read_as_they_were_written(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def test_another_configuration_is_another_search(
         ("+task.space.parameters.refinement.particels={low:1,high:5}", "has no refinement.part"),
         ("task.space.parameters.refinement.particles.high=20", "leaves out the .* value, 25"),
         ("task.space.parameters.refinement.particles.low=0", "refinement.particles is 0"),
-        ("task.space.parameters.refinement.particles=7", "particles: give it low and high"),
+        ("task.space.parameters.refinement.particles=7", "give low and high"),
     ],
 )
 def test_a_wrong_space_is_named_before_any_trial(

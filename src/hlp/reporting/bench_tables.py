@@ -127,13 +127,7 @@ def _ratio(before: Result, after: Result) -> str:
 
 
 def _machine(machine: Result) -> str:
-    threads, versions = machine["threads"], machine["versions"]
-    shown = ", ".join(f"{name} {versions[name]}" for name in ("python", "torch", "numba", "numpy"))
-    return (
-        f"{machine['cpu']}, {machine['cores']} cores, {machine['memory_mib'] / 1024:.0f} GiB,"
-        f" {machine['gpu'] or 'no GPU'}; threads: {threads['machine']} (torch {threads['torch']});"
-        f" {shown}; load before: {machine['load']:.2f}"
-    )
+    return "{cpu}, {cores} cores; threads: {threads}; load before: {load:.2f}".format(**machine)
 
 
 def _workload(workload: Result) -> str:

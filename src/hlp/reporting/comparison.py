@@ -16,7 +16,6 @@ from hlp.results.recalls import (
     TargetKey,
     blocks_of,
     difference_interval,
-    median_difference_interval,
     numbered_targets,
 )
 
@@ -32,7 +31,7 @@ EXPLAINED = (
 WELL_VISIBLE = 0.6
 """Visible fraction from which a target counts as well visible."""
 Difference = tuple[float, tuple[float, float]]
-"""A difference of two means or medians, and its 95 % interval."""
+"""A difference of two means, and its 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -144,23 +143,17 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
 
 
 def paired_difference(
-    first: Mapping[TargetKey, float],
-    second: Mapping[TargetKey, float],
-    *,
-    medians: bool = False,
+    first: Mapping[TargetKey, float], second: Mapping[TargetKey, float]
 ) -> Difference | None:
-    """Second's mean (`medians`: its median) minus first's over the targets of both.
+    """Second's mean minus first's over the targets of both; None if they have none in common.
 
-    None if they have no target in common. The interval is that of `difference_interval`.
+    The interval is that of `difference_interval`.
     """
     shared = sorted(first.keys() & second.keys())
     if not shared:
         return None
     before, after = (np.array([values[key] for key in shared]) for values in (first, second))
     blocks = blocks_of([key[:2] for key in shared])
-    if medians:
-        ends = median_difference_interval(before, after, blocks, RESAMPLINGS, SEED)
-        return float(np.median(after) - np.median(before)), ends
     ends = difference_interval(before, after, blocks, RESAMPLINGS, SEED)
     return float(after.mean() - before.mean()), ends
 

@@ -1,6 +1,6 @@
 """Reports of single experiments: the paper's figures and tables, recordings, ladder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,14 +10,13 @@ from hlp.reporting import paper_reports as paper
 from hlp.reporting import recordings
 from hlp.reporting.comparison import (
     WELL_VISIBLE,
-    Difference,
     difference_cells,
     paired_difference,
     recall_of,
     with_ends,
 )
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import Panel, draw_bars, gain_bar, recall_bar
+from hlp.reporting.figures.bars import Bar, Panel, draw_bars, gain_bar, recall_bar
 from hlp.reporting.results import Result, result_folders
 from hlp.reporting.summary_tables import ADD_CELLS, BOP_RECALLS, run_cells
 from hlp.reporting.sweeps import Sweep, read_sweeps
@@ -64,8 +63,9 @@ def reports_of(folder: Path) -> list[Report]:
             made.append(_table(name, results, found))
         elif name == RECORDINGS:
             made.append(_recordings(results, found))
-        elif name == LADDER and (steps := _steps(results)):
-            made.append(_ladder(steps, found))
+        elif name == LADDER:
+            steps = {result.chosen[LADDER]: result for result in results if LADDER in result.chosen}
+            made += [_ladder(steps, found)] if steps else []
     return made
 
 
@@ -133,69 +133,41 @@ def _table(name: str, results: Sequence[Result], found: Sweep) -> Report:
     return Report(name, table, notes, recalls.figure(title, note))
 
 
-@dataclass(frozen=True)
-class _Step:
-    """One run of the ladder: what it changes, the step before it, and what it gains against it."""
-
-    name: str
-    change: str
-    before: str
-    result: Result
-    gain: Difference | None
-    milliseconds: float
-
-
-def _steps(results: Sequence[Result]) -> list[_Step]:
-    """The steps of the ladder among some results, in the order of the sweep."""
-    runs = {result.chosen[LADDER]: result for result in results if LADDER in result.chosen}
-    verdicts = {name: result.verdicts for name, result in runs.items()}
-    steps = []
+def _ladder(runs: Mapping[str, Result], found: Sweep) -> Report:
+    """A row a step: recalls, and what it gained against the one before it."""
+    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "load"]
+    of_figures = {**ADD_CELLS, "5cm5deg": "5cm5deg", "iou50": "IoU.5", "ar": "AR"}
+    rows, figures, gains = [], [], []
     for name, result in runs.items():
         change, before = (result.config["step"][key] or "" for key in ("change", "before"))
-        gain = paired_difference(verdicts.get(before, {}), verdicts[name])
-        spent = result.total_ms["median"] - runs.get(before, result).total_ms["median"]
-        steps.append(_Step(name, change, before, result, gain, spent))
-    return steps
-
-
-def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
-    """A row a step: recalls, and what it gained."""
-    against = ["against", "gained", "95 % of it", "ms more"]
-    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "load"]
-    rows = []
-    for step in steps:
-        cells, gained = run_cells(step.result.summary), ["–"] * len(against)
-        if step.gain is not None:
-            gained = [step.before, *difference_cells(step.gain), f"{step.milliseconds:+.0f}"]
-        rows.append([step.name, step.change, *(cells[name] for name in shown), *gained])
-    table = Table(["step", "change", *shown, *against], rows)
-    notes, wide = [*_made_by(found), _LADDER_NOTE], ["change", *shown[1:5], "load"]
-    return Report(LADDER, table, notes, _draw_ladder(steps), _ladder_figures(steps), wide)
-
-
-def _ladder_figures(steps: Sequence[_Step]) -> Table:
-    """Recalls of each step, also of the targets that are mostly hidden, and its gain."""
-    shown = {**ADD_CELLS, "5cm5deg": "5cm5deg", "iou50": "IoU.5", "ar": "AR"}
-    rows = []
-    for step in steps:
-        cells, hidden = run_cells(step.result.summary), step.result.hidden_targets
+        start, cells, hidden = runs.get(before), run_cells(result.summary), result.hidden_targets
+        gain = paired_difference(start.verdicts, result.verdicts) if start else None
+        gains.append(gain_bar(gain))
+        gained = ["–"] * 4
+        if start and gain:
+            more = result.total_ms["median"] - start.total_ms["median"]
+            gained = [before, *difference_cells(gain), f"{more:+.0f}"]
+        rows.append([name, change, *(cells[column] for column in shown), *gained])
         of_hidden = format_share(recall_of(hidden, "add") if hidden else None)
-        recalls, before = map(cells.__getitem__, shown.values()), step.before if step.gain else ""
-        gain = with_ends(step.gain)
-        rows.append([step.name, step.change, *recalls, of_hidden, before, *gain])
-    gained = ["from", "gain", "gain_low", "gain_high"]
-    return Table(["step", "change", *shown, f"visible_below_{WELL_VISIBLE:g}", *gained], rows)
+        recalls = [*(cells[column] for column in of_figures.values()), of_hidden]
+        figures.append([name, change, *recalls, before if gain else "", *with_ends(gain)])
+    table = Table(["step", "change", *shown, "against", "gained", "95 % of it", "ms more"], rows)
+    header = ["step", "change", *of_figures, f"visible_below_{WELL_VISIBLE:g}"]
+    header += ["from", "gain", "gain_low", "gain_high"]
+    notes, wide = [*_made_by(found), _LADDER_NOTE], ["change", *shown[1:5], "load"]
+    figure = _draw_ladder([row[1] for row in rows], list(runs.values()), gains)
+    return Report(LADDER, table, notes, figure, Table(header, figures), wide)
 
 
-def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
+def _draw_ladder(
+    rows: Sequence[str], results: Sequence[Result], gains: Sequence[Bar | None]
+) -> "Figure":
     """A row a step in words, the first at the top: recall on the left, the gain on the right."""
-    recalls = [recall_bar(step.result.add) for step in steps]
-    gains = [gain_bar(step.gain) for step in steps]
+    recalls = [recall_bar(result.add) for result in results]
     panels = [Panel("ADD(-S) recall, 95 % interval", {"": recalls}, recall=True)]
     if any(gains):
         panels.append(Panel("gained against the step that it starts from", {"": gains}))
-    rows = [step.change for step in steps]
-    return draw_bars(rows, panels, paper.measured_on(steps[0].result))
+    return draw_bars(rows, panels, paper.measured_on(results[0]))
 
 
 def _recordings(results: Sequence[Result], found: Sweep) -> Report:

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from hlp.errors import DataError
 from hlp.files import SUMMARY, read_json
@@ -33,7 +32,7 @@ class Number:
     panel: str
     value: float
     text: str
-    quantity: Literal["recall", "time", "other"] = "other"
+    is_recall: bool = False
     interval: Interval | None = None
     main: bool = False
     more: bool = False
@@ -67,11 +66,7 @@ def read_numbers(folder: Path, kind: Kind) -> dict[str, Number]:
 def _recall(
     name: str, panel: str, value: float, interval: Interval | None = None, *, main: bool = False
 ) -> Number:
-    return Number(name, panel, value, format_share(value), "recall", interval, main)
-
-
-def _time(name: str, panel: str, value: float, *, main: bool = False) -> Number:
-    return Number(name, panel, value, format_ms(value), "time", None, main)
+    return Number(name, panel, value, format_share(value), True, interval, main)
 
 
 def _read_run(path: Path) -> list[Number]:
@@ -96,7 +91,7 @@ def _read_bench(path: Path) -> list[Number]:
         for unit in ("first", "further"):
             total = configured[unit].get(TOTAL)
             if total is not None:  # frames of a single object have no further one
-                numbers.append(_time(f"{name} {unit}", panel, total[kind], main=name == "ms"))
+                numbers.append(Number(f"{name} {unit}", panel, total[kind], format_ms(total[kind])))
     peak, recall = result["memory"]["peak_mib"], configured["add_recall"]
     numbers.append(Number("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
     if recall is not None:
@@ -131,7 +126,8 @@ def _read_search(path: Path) -> list[Number]:
     if best is not None:
         panel = "ADD(-S) recall of the best trial"
         numbers.append(_recall("best ADD(-S)", panel, best["recall"], main=True))
-        numbers.append(_time("its ms", "ms of the best trial", best["time_ms"]))
+        time = best["time_ms"]
+        numbers.append(Number("its ms", "ms of the best trial", time, format_ms(time)))
     return numbers
 
 

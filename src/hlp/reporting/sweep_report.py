@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from hlp.files import write_csv, write_text
+from hlp.reporting.comparison import difference_cells
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import (
     Bar,
@@ -21,7 +22,7 @@ from hlp.reporting.mlflow.pages import headline_metrics
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.study_numbers import ADD, KINDS, RUN, Number
 from hlp.reporting.summary_tables import run_numbers
-from hlp.reporting.sweeps import Sweep, SweepRun, say_difference, short_key
+from hlp.reporting.sweeps import Sweep, SweepRun, short_key
 from hlp.reporting.table import Table, format_interval, lay_out, prose
 
 if TYPE_CHECKING:
@@ -29,26 +30,28 @@ if TYPE_CHECKING:
 
 _BEST = "* best by {}; of ties the default, if it is one of them."
 _PAIRED = (
-    "Differences are over the targets of both runs (of times: between their medians), with the 95 %"
-    " interval of the paired bootstrap over blocks of neighbouring frames."
+    "Differences are over the targets of both runs, with the 95 % interval of the paired bootstrap"
+    " over blocks of neighbouring frames."
 )
 
 
 def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     """A row a run: its values and numbers; the best run has a `*`.
 
-    The difference to the reference, with its interval, follows if runs are compared by one number;
-    of several see `differences_table`. `whole`: also what does not fit a terminal.
+    The main numbers' differences to the reference follow, with their intervals. `whole`: also what
+    does not fit a terminal.
     """
     numbers = {name: n for name, n in sweep.numbers.items() if whole or not n.more}
     names = list(numbers) or [ADD]
     with_interval = {name for name, n in numbers.items() if n.interval and (whole or n.main)}
-    compared = sweep.mains if len(sweep.mains) == 1 else []
+    compared, several = sweep.mains, len(sweep.mains) > 1
+    if several:
+        compared = [name for name in compared if name in sweep.differences]
     header = [*_keys(sweep, whole)]
     for name in names:
         header += [name, "95 %"] if name in with_interval else [name]
-    for _ in compared:
-        header += [f"to {sweep.against}", "95 % of it"]
+    for name in compared:
+        header += [f"{name} " * several + f"to {sweep.against}", "95 % of it"]
     rows = []
     for run in sweep.runs:
         row = _values(sweep, run, whole)
@@ -83,23 +86,7 @@ def _difference_cells(sweep: Sweep, run: SweepRun, name: str) -> list[str]:
     if run is sweep.reference:
         return [sweep.against, ""]
     found = sweep.difference(run, name)
-    return ["–", ""] if found is None else say_difference(sweep.numbers[name], found)
-
-
-def differences_table(sweep: Sweep, *, whole: bool = True) -> Table | None:
-    """A row a finished run: the main numbers' paired differences to the reference.
-
-    With 95 % intervals. None for a single number, and where nothing can be compared.
-    """
-    names = [name for name in sweep.mains if name in sweep.differences]
-    if not names or len(sweep.mains) == 1:
-        return None
-    rows = []
-    for run in sweep.finished:
-        cells = [_difference_cells(sweep, run, name) for name in names]
-        joined = [f"{words} ({interval})" if interval else words for words, interval in cells]
-        rows.append([*_values(sweep, run, whole), *joined])
-    return Table([*_keys(sweep, whole), *(f"{name} to {sweep.against}" for name in names)], rows)
+    return ["–", ""] if found is None else difference_cells(found)
 
 
 def note_of(sweep: Sweep) -> str:
@@ -115,10 +102,9 @@ def describe_sweep(sweep: Sweep, layout: str) -> str:
     A terminal shows the end first, a page the beginning: the verdict stands there.
     """
     whole = layout != "text"
-    tables = [sweep_table(sweep, whole=whole), differences_table(sweep, whole=whole)]
-    laid_out = [lay_out(table, layout) for table in tables if table is not None]
+    table = lay_out(sweep_table(sweep, whole=whole), layout)
     note, verdict = (prose(words, layout) for words in (note_of(sweep), sweep.verdict))
-    return "\n\n".join([verdict, *laid_out, note] if whole else [*laid_out, note, verdict])
+    return "\n\n".join([verdict, table, note] if whole else [table, note, verdict])
 
 
 def write_sweep(folder: Path, sweep: Sweep) -> list[Path]:
@@ -168,7 +154,7 @@ def _number_panels(sweep: Sweep) -> list[Panel]:
             name: [None if n is None else Bar(n.value, n.text, n.interval) for n in numbers]
             for name, numbers in of_runs.items()
         }
-        recall = all(number.quantity == "recall" for number in found.values())
+        recall = all(number.is_recall for number in found.values())
         panels.append(Panel(title, series, recall))
     return panels
 

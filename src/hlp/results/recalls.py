@@ -122,7 +122,6 @@ def read_target_values(folder: Path) -> dict[str, dict[TargetKey, float]]:
 BLOCK = 20
 """Frames that are drawn together, at most (D)."""
 _BLOCKS = 10  # at least, of which the resamples are made
-_AT_ONCE = 1_000_000  # values of resamples in memory
 Values = Bool[np.ndarray, "n"] | Float[np.ndarray, "n"]
 
 
@@ -173,24 +172,6 @@ def difference_interval(
     below = math.hypot(shares[0] - gained[0], lost[1] - shares[1])
     above = math.hypot(gained[1] - shares[0], shares[1] - lost[0])
     return max(low - below, -1.0), min(high + above, 1.0)
-
-
-def median_difference_interval(
-    first: Values, second: Values, blocks: Int[np.ndarray, "n"], resamplings: int, seed: int
-) -> tuple[float, float]:
-    """As `difference_interval`, of medians."""
-    order, counts = np.argsort(blocks, kind="stable"), np.bincount(blocks)
-    place = np.arange(len(blocks)) - np.repeat(np.cumsum(counts) - counts, counts)
-    padded = np.full((2, len(counts), counts.max()), np.nan)
-    padded[:, blocks[order], place] = np.stack([first, second])[:, order]
-    rng = np.random.default_rng(seed)
-    drawn = rng.integers(len(counts), size=(resamplings, len(counts)))
-    differences = []
-    for some in np.array_split(drawn, max(1, padded[0].size * resamplings // _AT_ONCE)):
-        medians = np.nanmedian(padded[:, some].reshape(2, len(some), -1), axis=-1)
-        differences.append(medians[1] - medians[0])
-    low, high = np.percentile(np.concatenate(differences), [2.5, 97.5])
-    return float(low), float(high)
 
 
 def wilson(recall: float, targets: int) -> tuple[float, float]:

@@ -92,7 +92,7 @@ class BenchSettings(Settings):
 def _summarise(
     run: Run, task: BenchSettings, keys: Sequence[str], detections: Detections
 ) -> tuple[dict[str, Any], dict[str, dict[TargetKey, float]]]:
-    """Times, recall and agreement of the paths; times and verdicts by target of the configured."""
+    """Times, recall and agreement of the paths; verdicts by target of the configured one."""
     truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
     models, evaluation = run.dataset.models, run.settings.evaluation
     scores = {
@@ -103,7 +103,7 @@ def _summarise(
     for name, own in detections.items():
         same = share_of_same(configured, own, models, (task.same_mm, task.same_deg))
         paths[name] = summarise_path(own, scores[name]) | {"same_pose": same}
-    return paths, bench_targets(configured, scores[CONFIGURED])
+    return paths, bench_targets(scores[CONFIGURED])
 
 
 def _make_estimators(

@@ -11,10 +11,8 @@ from pathlib import Path
 from timeit import timeit
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import pandas as pd
-import torch
 
 from hlp.arrays import Pose
 from hlp.config.settings import RunSettings
@@ -23,7 +21,6 @@ from hlp.geometry import nearest_symmetric_pose
 from hlp.method.find.estimator import PoseEstimator
 from hlp.records import ObjectModel, PoseEstimate, TargetScore
 from hlp.results.recalls import TargetKey, numbered_targets
-from hlp.stages.manifest import library_versions
 
 PARTS = {
     **dict.fromkeys(("windows", "network", "region"), 1),
@@ -127,24 +124,11 @@ def _spreads(wall: pd.DataFrame, cpu: pd.DataFrame) -> dict[str, dict[str, float
     return spreads if len(wall) else {}
 
 
-def bench_targets(
-    detections: Sequence[TimedDetection], scores: Sequence[TargetScore]
-) -> dict[str, dict[TargetKey, float]]:
-    """Wall and CPU time (ms) of each search for an object, and each target's verdict by ADD(-S).
-
-    A frame's first object is timed apart from its further ones. An object that is searched once for
-    several instances has the time at the first of them.
-    """
-    values: dict[str, dict[TargetKey, float]] = {}
-    for found in detections:
-        unit = "further" if found.place else "first"
-        key = (*found.frame, found.estimate.object_id, 0)
-        wall, cpu = (sum(part[place] for part in found.spent.values()) for place in (0, 1))
-        values.setdefault(f"ms {unit}", {})[key] = 1e3 * wall
-        values.setdefault(f"CPU {unit}", {})[key] = 1e3 * cpu
+def bench_targets(scores: Sequence[TargetScore]) -> dict[str, dict[TargetKey, float]]:
+    """Each target's verdict by ADD(-S)."""
     keys = numbered_targets((score.scene_id, score.frame_id, score.object_id) for score in scores)
     right = [float(score.add_correct) for score in scores]
-    return {**values, "ADD(-S)": dict(zip(keys, right, strict=True))}
+    return {"ADD(-S)": dict(zip(keys, right, strict=True))}
 
 
 def share_of_same(
@@ -188,26 +172,15 @@ def load_timed(estimator: PoseEstimator, objects: Mapping[int, str]) -> dict[str
 
 
 def describe_machine(settings: RunSettings) -> dict[str, Any]:
-    """Processor, memory, threads and versions; a `load` near 0 suggests an idle machine.
-
-    It is the average of the minute before: what others do meanwhile is not known.
-    """
+    """Processor, cores, threads; a `load` near 0 in the minute before suggests an idle machine."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
         "cpu": names[0] if names else platform.processor() or platform.machine(),
         "cores": len(os.sched_getaffinity(0)),
-        "memory_mib": os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2**20,
-        "gpu": torch.cuda.get_device_name(0) if torch.cuda.is_available() else None,
-        "system": platform.platform(),
+        "threads": settings.machine.threads,
         "load": round(os.getloadavg()[0], 2),
-        "threads": {
-            "machine": settings.machine.threads,
-            "torch": torch.get_num_threads(),
-            "opencv": cv2.getNumThreads(),
-        },
-        "versions": library_versions(),
     }
 
 

@@ -203,24 +203,23 @@ def _result(task: SearchSettings, trials: list[dict[str, Any]]) -> dict[str, Any
     return {"space": task.space.name, "limit_ms": task.limit_ms, "best": best, "trials": trials}
 
 
-def read_space(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, "BaseDistribution"]:
+def read_space(parameters: Mapping[str, Any]) -> dict[str, "BaseDistribution"]:
     """Ranges and choices as Optuna's distributions, of mappings nested as the configuration.
 
     Raises ConfigError naming a key that has neither `low` and `high` nor `choices`, or that leaves
     no choice.
     """
-    space: dict[str, BaseDistribution] = {}
-    for name, given in parameters.items():
-        key = f"{prefix}{name}"
-        if not isinstance(given, Mapping) or not given:
-            raise ConfigError(f"{_KEY}.{key}: give it low and high, or choices")
-        if any(isinstance(value, Mapping) for value in given.values()):
-            space |= read_space(given, f"{key}.")
-            continue
+    given: dict[str, dict[str, Any]] = {}
+    for key, value in flatten(parameters).items():
+        name, _, word = key.rpartition(".")
+        given.setdefault(name, {})[word] = value
+    space = {}
+    for name, words in given.items():
         try:
-            space[key] = _distribution(given)
+            space[name] = _distribution(words)
         except (TypeError, ValueError, ArithmeticError) as error:
-            raise ConfigError(f"{_KEY}.{key} is {dict(given)}: {error}") from error
+            problem = f"{_KEY}.{name} is {words}: give low and high, or choices ({error})"
+            raise ConfigError(problem) from error
     return space
 
 
