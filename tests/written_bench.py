@@ -28,8 +28,9 @@ def bench_result() -> dict[str, Any]:
         "workload": {
             "experiment": "demo",
             "frames": 3,
-            "image": [640, 480],
-            "objects": {"cat": {"codebook_entries": 57600}},
+            "image": "640 x 480",
+            "objects": 1,
+            "codebook_entries": 57600,
             "scan": "fast",
             "codebook": "inverted_lists",
             "refinement": "pso",

@@ -12,8 +12,13 @@ from hlp.commands import report
 from hlp.data.synthetic.objects import demo_objects
 from hlp.evaluation.waterfall import CAUSES
 from hlp.records import TargetScore
-from hlp.reporting.bench_tables import format_bench
-from hlp.reporting.study_tables import basin_cells, format_basins, format_oracle, format_search
+from hlp.reporting.study_tables import (
+    basin_cells,
+    format_basins,
+    format_bench,
+    format_oracle,
+    format_search,
+)
 from hlp.reporting.summary_tables import ADD_BY_OBJECT, format_summary
 from hlp.results.poses_file import write_scores
 from written_bench import bench_result

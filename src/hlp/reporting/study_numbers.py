@@ -7,8 +7,14 @@ from pathlib import Path
 
 from hlp.errors import DataError
 from hlp.files import SUMMARY, read_json
-from hlp.reporting.bench_tables import CONFIGURED, TOTAL, format_ms, read_bench
-from hlp.reporting.study_tables import head_of, read_mean_recalls
+from hlp.reporting.study_tables import (
+    CONFIGURED,
+    TOTAL,
+    format_ms,
+    head_of,
+    read_bench,
+    read_mean_recalls,
+)
 from hlp.reporting.summary_tables import METRIC_LABELS, run_cells, run_numbers
 from hlp.reporting.table import format_share
 from hlp.results.recalls import read_summary

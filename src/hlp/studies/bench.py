@@ -17,9 +17,9 @@ from hlp.method.find.search import search_frame
 from hlp.method.settings import FindSettings
 from hlp.progress import Progress
 from hlp.records import Frame, PoseEstimate
-from hlp.reporting.bench_tables import CONFIGURED, format_bench
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import bench_bars
+from hlp.reporting.study_tables import CONFIGURED, format_bench
 from hlp.results.recalls import TargetKey, write_target_values
 from hlp.settings import Doc, Settings
 from hlp.stages.store import StageStore
@@ -160,23 +160,19 @@ def _detect_all(
 
 def _workload(run: Run, estimator: PoseEstimator, frame: Frame, frames: int) -> dict[str, Any]:
     """What decides the time of the measured detections."""
-    settings, dataset = run.settings, run.dataset
-    refinement = settings.refinement
+    settings, objects = run.settings, run.dataset.target_ids
+    books = [estimator.matching.group(i).codebooks[i].features for i in objects]
     height, width = frame.depth.shape
     return {
         "experiment": settings.name,
         "data": str(run.config["data"]["name"]),
         "frames": frames,
-        "image": [width, height],
-        "objects": {
-            dataset.models[i].name: {
-                "codebook_entries": len(estimator.matching.group(i).codebooks[i].features)
-            }
-            for i in dataset.target_ids
-        },
+        "image": f"{width} x {height}",
+        "objects": len(objects),
+        "codebook_entries": sum(map(len, books)),
         "scan": settings.patches.region.scan,
         "codebook": settings.codebook.name,
-        "refinement": refinement.name,
-        "particles": getattr(refinement, "particles", None),
-        "refined": refinement.verification.candidates,
+        "refinement": settings.refinement.name,
+        "particles": getattr(settings.refinement, "particles", None),
+        "refined": settings.refinement.verification.candidates,
     }

@@ -18,7 +18,7 @@ from hlp.evaluation.bop_recalls import measured_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.summary import with_interval
 from hlp.evaluation.waterfall import by_object
-from hlp.files import write_json
+from hlp.files import write_json, write_text
 from hlp.method.find.estimator import FrameContext
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import ObjectTrace
@@ -34,7 +34,7 @@ from hlp.records import (
 )
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.heat_maps import oracle_map
-from hlp.reporting.study_tables import format_oracle, head_of, write_oracle
+from hlp.reporting.study_tables import format_oracle, head_of
 from hlp.results.recalls import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.runner import stages_of
 from hlp.settings import Doc, Settings
@@ -71,7 +71,7 @@ class OracleSettings(Settings):
     ] = 20.0
 
     def run(self, run: Run, output: Path) -> None:
-        """Write oracle.md, .csv, .json, .png and .svg, targets.csv and manifest.json.
+        """Write oracle.md, .json, .png and .svg, targets.csv and manifest.json.
 
         Regions and hypotheses are those of the run's stages. The poses found here are a stage too,
         so an interrupted run continues where it stopped. Everything is logged as one MLflow run.
@@ -91,7 +91,7 @@ class OracleSettings(Settings):
             result = {"frames": len(keys), **matrix}
             write_json(output / "oracle.json", result)
             write_target_values(output, oracle_targets(scores), names)
-            write_oracle(output, result)
+            write_text(output / "oracle.md", format_oracle(result, "markdown") + "\n")
             save_figure(oracle_map(result), output / "oracle")
         print(format_oracle(result))
 
