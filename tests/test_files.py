@@ -121,7 +121,7 @@ CASES: dict[str, Case] = {
         lambda folder: read_json(written(folder / "a.json", "[" + "1," * 99 + "1]"), 100),
         "has 201 bytes: at most 100",
     ),
-    "summary: empty": (of_file(read_summary, "summary.json", "{}"), "it lacks metrics"),
+    "summary: empty": (of_file(read_summary, "summary.json", "{}"), "it lacks bop"),
     "results: no manifest": (
         lambda folder: read_sweeps(written(folder / "summary.json", "{}").parent),
         "manifest.json",

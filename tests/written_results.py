@@ -8,6 +8,7 @@ from typing import Any
 
 from hlp.records import TargetScore
 from hlp.results.poses_file import write_scores
+from written_summary import summary
 
 CONFIG: dict[str, Any] = {
     "data": {"name": "bop", "root": "../somewhere/lm"},
@@ -19,7 +20,7 @@ CONFIG: dict[str, Any] = {
 def scored(add: float, ms: float, objects: Mapping[str, float]) -> dict[str, Any]:
     """`summary.json` of twenty targets an object."""
     recalls = {"add": add, "5cm5deg": add - 0.2, "iou50": add + 0.05}
-    return {
+    return summary(tuple(objects)) | {
         "targets": 20 * len(objects),
         "metrics": {
             key: {"recall": value, "ci95": [value - 0.1, value + 0.04], "mean_object": value}
@@ -36,7 +37,6 @@ def scored(add: float, ms: float, objects: Mapping[str, float]) -> dict[str, Any
             "total": {"median": ms, "p95": 2 * ms},
             "refinement": {"median": ms / 4, "p95": ms / 2},
         },
-        "waterfall": {"correct": 1},
     }
 
 

@@ -21,10 +21,23 @@ def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
         "metrics": {key: recall(value) for key, value in metrics.items()},
         "per_object": {name: {"targets": 4, **each} for name in names},
         "median_errors": {"found": 7, "add_mm": 3.5},
-        "bop": {"vsd": None, "mssd": 0.6},
+        "bop": {"ar": None, "vsd": None, "mssd": 0.6, "mspd": None},
+        "calibration": {"answers": 0, "ece": None, "aurc": None, "reliability": []},
+        "false_alarms": {"searched": 0, "alarms": 0, "scores": []},
         "timing_ms": {
             "total": {"median": 480.0, "p95": 700.0},
             "voting": {"median": 2.34, "p95": None},
+            "refinement": {"median": None, "p95": None},
+        },
+        "timing": {
+            "frames": 20,
+            "objects": 31,
+            "reused_stages": [],
+            "first_use_seconds": None,
+            "cpu_ms": None,
+            "wall_ms": 131.0,
+            "load": 1.25,
+            "cores": 2,
         },
         "waterfall": {
             "total": {"correct": 5, "no_window": 0, "few_votes": 1, "ranking": 2},
@@ -41,10 +54,3 @@ def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
             "per_object": {"cat": quality(0.125, 1000.4), "ape": quality(None, 0.0)},
         },
     }
-
-
-def older_summary() -> dict[str, Any]:
-    """As runs wrote it before misses had causes and votes were kept."""
-    older = {**summary(), "waterfall": {"correct": 6, "no_region": 2}}
-    del older["votes"]
-    return older

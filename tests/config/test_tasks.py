@@ -51,7 +51,7 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
     ("overrides", "message"),
     [
         (["+task.frame=3"], r"^task\.frame is not a key: did you mean frames\?$"),
-        (["task.noise_deg=wide"], r"^task\.noise_deg is 'wide': it must be a number$"),
+        (["task.agree_mm=wide"], r"^task\.agree_mm is 'wide': it must be a number$"),
         (
             ["task.name=orakel"],
             r"^task\.name is 'orakel': choose one of basin, bench, evaluate, oracle, search$",

@@ -23,15 +23,10 @@ from hlp.results.poses_file import read_poses, read_scores, write_poses, write_s
 from hlp.results.recalls import read_summary
 from hlp.stages.manifest import read_manifest
 from hlp.stages.store import StageStore
+from written_summary import summary
 
 NAME = "0123456789abcdef"
-SUMMARY = {
-    "targets": 2,
-    "metrics": {name: {"recall": 0.5, "ci95": [0.1, 0.9]} for name in ("add", "5cm5deg", "iou50")},
-    "per_object": {"cat": {"targets": 2, "add": {"recall": 0.5}}},
-    "timing_ms": {"total": {"median": 100.0, "p95": 120.0}},
-    "waterfall": {"correct": 1},
-}
+SUMMARY = summary()
 MANIFEST = {
     "config": {"name": "demo", "seed": 0},
     "data": {"keys": ["000000_000000"], "frames": "ab"},

@@ -19,7 +19,8 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.geometry import rotation_distance
 from hlp.records import Target
-from run_files import read_json, rows
+from run_files import read_json
+from table_text import csv_rows
 from tiny_method import write_mesh
 
 DRILL = 5
@@ -96,7 +97,7 @@ def test_every_form_of_the_answer_says_the_same(own, first):
     output, found = own.folder / "first", own.answers("first")
     lines = [json.loads(line) for line in (output / "poses.jsonl").read_text().splitlines()]
     assert lines == found
-    for row, answer in zip(rows(output / "poses.csv"), found, strict=True):
+    for row, answer in zip(csv_rows(output / "poses.csv"), found, strict=True):
         for key, kept in (("t", "cam_t_m2c"), ("R", "cam_R_m2c")):
             np.testing.assert_allclose([float(v) for v in row[key].split()], answer[kept])
         name = Path(answer["rgb"]).stem
@@ -131,7 +132,7 @@ def test_new_frames_are_looked_at_without_learning_again(own, first):
     assert "broken.png is truncated" in broken["error"]
     for words in ("broken.png is truncated", "not found", "1 of 3 frames could not be used"):
         assert words in again.stdout
-    assert len(rows(own.folder / "again" / "poses.csv")) == 1
+    assert len(csv_rows(own.folder / "again" / "poses.csv")) == 1
     assert not (own.folder / "again" / "panels").exists()
     one = FILES | {"rgb": "new/rgb/broken.png", "depth": "new/depth/broken.png"}
     failed = own.predict("failed", *TINY, **one)

@@ -9,7 +9,8 @@ import pytest
 
 from hlp.errors import DataError, HlpError
 from hlp.method.find.estimator import PoseEstimator
-from run_files import logged_run, logged_runs, read_json, rows, stages
+from run_files import logged_run, logged_runs, read_json, stages
+from table_text import csv_rows
 from tiny_run import start_run
 
 pytestmark = pytest.mark.slow
@@ -18,7 +19,7 @@ LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
 
 
 def poses_without_times(path):
-    return [{key: value for key, value in row.items() if key != "time"} for row in rows(path)]
+    return [{key: value for key, value in row.items() if key != "time"} for row in csv_rows(path)]
 
 
 def statuses(folder):

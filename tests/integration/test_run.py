@@ -13,8 +13,9 @@ from hlp.runs.runner import stages_of
 from hlp.runs.stage_samples import FrameResults, search_again
 from hlp.stages.manifest import library_builds, processor
 from hlp.stages.store import StageStore
-from run_files import logged_run, read_json, rows, stages
+from run_files import logged_run, read_json, stages
 from same_answers import compare_answers
+from table_text import csv_rows
 
 METRICS = ("add", "5cm5deg", "iou50")
 VERDICTS = {"add": "add_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
@@ -42,7 +43,7 @@ def truth():
 
 def test_summary_says_what_the_scores_say(tiny_run):
     summary = read_json(tiny_run.output / "summary.json")
-    scores = rows(tiny_run.output / "scores.csv")
+    scores = csv_rows(tiny_run.output / "scores.csv")
     assert {"targets", "metrics", "per_object", "timing_ms", "waterfall"} <= summary.keys()
     assert summary["targets"] == len(scores)
     assert tuple(summary["metrics"]) == METRICS
@@ -76,7 +77,7 @@ def test_summary_says_what_the_scores_say(tiny_run):
 
 
 def test_scores_have_one_row_a_target(tiny_run, truth):
-    scores = rows(tiny_run.output / "scores.csv")
+    scores = csv_rows(tiny_run.output / "scores.csv")
     assert [target_of(row) for row in scores] == sorted(truth)
     names = {object_id: model.name for object_id, model in demo_objects().items()}
     for row in scores:
@@ -90,10 +91,10 @@ def test_poses_are_in_bops_format_and_give_the_scores(tiny_run, truth):
     path = tiny_run.output / "poses.csv"
     assert path.read_text().splitlines()[0] == "scene_id,im_id,obj_id,score,R,t,time"
     models = demo_objects()
-    poses = {target_of(row): row for row in rows(path)}
+    poses = {target_of(row): row for row in csv_rows(path)}
     assert poses.keys() <= truth.keys()
     checked = 0
-    for row in rows(tiny_run.output / "scores.csv"):
+    for row in csv_rows(tiny_run.output / "scores.csv"):
         target = target_of(row)
         assert int(row["found"]) == (target in poses)
         if target not in poses:
@@ -230,7 +231,7 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run):
 def test_the_report_shows_every_target_and_stands_alone(tiny_run):
     page = (tiny_run.output / "report.html").read_text()
     index = read_json(tiny_run.output / "report" / "index.json")
-    scores = rows(tiny_run.output / "scores.csv")
+    scores = csv_rows(tiny_run.output / "scores.csv")
     shown = {tuple(target["key"][:3]) for target in index["targets"]}
     missed = {target_of(row) for row in scores if not int(row["add_correct"])}
     assert missed <= shown <= set(map(target_of, scores))

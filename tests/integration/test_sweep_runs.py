@@ -8,7 +8,8 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands import report
 from hlp.commands.composing import config_folder
-from run_files import children_of, read_json, rows
+from run_files import children_of, read_json
+from table_text import csv_rows
 from tiny_run import Call, TinyRun, start_run
 
 
@@ -75,7 +76,7 @@ def test_sweep_and_report_write_the_papers_figure(
     code, _, error = call(*tiny_run.overrides, *given)
     assert code == 0, error
     folder = tiny_run.folder / "outputs" / "pso_vs_icp" / "tiny"
-    found = rows(folder / "pso_vs_icp.csv")
+    found = csv_rows(folder / "pso_vs_icp.csv")
     assert [row["refinement"] for row in found] == ["icp", "none"]
     assert found[0]["targets"] == found[1]["targets"]
     (folder / "pso_vs_icp.svg").unlink()
@@ -106,7 +107,7 @@ def test_a_sweep_over_threads_measures_each_of_its_runs(tiny_run: TinyRun, call:
     words = " ".join(said.split())  # lines of a terminal
     assert words.count("were reused; measured again on 1 frame.") == 2
     for folder in folders:
-        assert {row["time"] for row in rows(folder / "poses.csv")} == {"-1.0"}
+        assert {row["time"] for row in csv_rows(folder / "poses.csv")} == {"-1.0"}
 
 
 @needs("hydra_joblib_launcher")

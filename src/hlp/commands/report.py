@@ -4,7 +4,7 @@ import os
 import sys
 import time
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hlp.commands.arguments import is_true, known_arguments, tracking_uri, whole_number
@@ -19,13 +19,14 @@ from hlp.reporting.report import (
     report_selection,
     write_pages,
 )
+from hlp.reporting.table import LAYOUTS
 
 
 def report(arguments: Sequence[str]) -> None:
     """Print the report that the arguments ask for."""
     keys = ("experiment", "output", "format", "objects", "runs", "uri", "details")
     given = known_arguments(arguments, keys, "report")
-    layout, details = given.get("format", "text"), is_true(given, "details", False)
+    layout, details = _layout(given), is_true(given, "details", False)
     folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
     if "runs" in given:
         print(describe_named(given["runs"], given.get("uri") or tracking_uri(), layout))
@@ -43,7 +44,14 @@ def report(arguments: Sequence[str]) -> None:
 def runs(arguments: Sequence[str]) -> None:
     """Print the list of runs."""
     given = known_arguments(arguments, ("output", "format"), "runs")
-    print(describe_outputs(Path(given.get("output", "outputs")), given.get("format", "text")))
+    print(describe_outputs(Path(given.get("output", "outputs")), _layout(given)))
+
+
+def _layout(given: Mapping[str, str]) -> str:
+    layout = given.get("format", "text")
+    if layout not in LAYOUTS:
+        raise InputError(f"format={layout}: choose one of {', '.join(LAYOUTS)}")
+    return layout
 
 
 def ui(arguments: Sequence[str]) -> None:

@@ -45,7 +45,7 @@ def bench(arguments: Sequence[str]) -> None:
     if not saved:
         run(["task=bench", *overrides], "bench")
         return
-    from hlp.reporting.bench_tables import compare_benches
+    from hlp.reporting.study_tables import compare_benches
 
     if overrides:
         raise InputError(f"compare={saved[-1]} measures nothing: leave {overrides[0]} out")

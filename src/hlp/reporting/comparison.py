@@ -5,19 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.summary_tables import METRIC_LABELS
-from hlp.reporting.table import Table, check_layout, lay_out, prose
+from hlp.reporting.table import Table, lay_out, prose
 from hlp.results.poses_file import read_scores
 from hlp.results.recalls import (
     METRICS,
     TargetKey,
     blocks_of,
     difference_interval,
-    median_difference_interval,
     numbered_targets,
 )
 
@@ -33,7 +31,7 @@ EXPLAINED = (
 WELL_VISIBLE = 0.6
 """Visible fraction from which a target counts as well visible."""
 Difference = tuple[float, tuple[float, float]]
-"""A difference of two means or medians, and its 95 % interval."""
+"""A difference of two means, and its 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +71,17 @@ def difference_cells(found: Difference, form: str = "{:+.3f}") -> list[str]:
     return [value, f"{low} to {high}"]
 
 
+def with_ends(found: Difference | None) -> list[str]:
+    """A difference and the ends of its interval, as in figures.csv; empty without one."""
+    return [f"{value:+.3f}" for value in (found[0], *found[1])] if found else [""] * 3
+
+
 def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str) -> str:
     """Tables of the differences between two runs, given their `scores.csv`.
 
-    Raises FileNotFoundError without a file; ValueError for a broken one, for runs that have no
-    target in common and for a `layout` that is not `text` or `markdown`.
+    Raises MissingFileError without a file; DataError for a broken one, and for runs that have no
+    target in common.
     """
-    check_layout(layout)
     scores = (read_targets(first), read_targets(second))
     shared = sorted(scores[0].keys() & scores[1].keys())
     if not shared:
@@ -91,7 +93,7 @@ def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str)
     pairs = [(target, scores[0][target], scores[1][target]) for target in shared]
     for metric, label in METRIC_LABELS.items():
         table = differences_table(pairs, metric)
-        shown = table.without("targets").fitted(0) if layout == "text" else table
+        shown = table.without("targets") if layout == "text" else table
         parts.append(f"{label}\n\n{lay_out(shown, layout)}")
     changes = changes_table(pairs)
     if not changes.rows:
@@ -141,23 +143,17 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
 
 
 def paired_difference(
-    first: Mapping[TargetKey, float],
-    second: Mapping[TargetKey, float],
-    *,
-    medians: bool = False,
+    first: Mapping[TargetKey, float], second: Mapping[TargetKey, float]
 ) -> Difference | None:
-    """Second's mean (`medians`: its median) minus first's over the targets of both.
+    """Second's mean minus first's over the targets of both; None if they have none in common.
 
-    None if they have no target in common. The interval is that of `difference_interval`.
+    The interval is that of `difference_interval`.
     """
     shared = sorted(first.keys() & second.keys())
     if not shared:
         return None
     before, after = (np.array([values[key] for key in shared]) for values in (first, second))
     blocks = blocks_of([key[:2] for key in shared])
-    if medians:
-        ends = median_difference_interval(before, after, blocks, RESAMPLINGS, SEED)
-        return float(np.median(after) - np.median(before)), ends
     ends = difference_interval(before, after, blocks, RESAMPLINGS, SEED)
     return float(after.mean() - before.mean()), ends
 
@@ -178,18 +174,3 @@ def mcnemar_exact(lost: int, gained: int) -> float:
 
     changed = lost + gained
     return 1.0 if changed == 0 else float(binomtest(lost, changed, 0.5).pvalue)
-
-
-def mean_and_spread(
-    repeats: Sequence[Mapping[str, float | None]],
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Means of shares over two or more repeats, and their standard deviations, as text by name.
-
-    Empty for a share that one of the repeats does not know.
-    """
-    table = pd.DataFrame(repeats, dtype=float)
-    means, spreads = table.mean(skipna=False).items(), table.std(skipna=False).items()
-    return (
-        {str(name): "" if np.isnan(mean) else f"{mean:.3f}" for name, mean in means},
-        {str(name): "" if np.isnan(spread) else f"{spread:.4f}" for name, spread in spreads},
-    )

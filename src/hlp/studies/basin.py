@@ -3,7 +3,7 @@
 `perturbed_poses` makes poses with a given error.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 import pandas as pd
 from annotated_types import Ge
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from hlp.arrays import spread
@@ -25,14 +25,13 @@ from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe
 from hlp.reporting.figures.heat_maps import draw_basins
-from hlp.reporting.study_tables import basin_cells, basin_metrics, format_basins, write_basins
-from hlp.results.recalls import TargetKey, numbered_targets, write_target_values
+from hlp.reporting.study_tables import basin_cells, format_basins, write_basins
+from hlp.results.recalls import numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
 
-Verdicts = Bool[np.ndarray, "n degrees millimetres"]
 _PERTURBATIONS = 2  # number of the random stream
 
 
@@ -77,33 +76,25 @@ class BasinSettings(Settings):
                 raise SettingsError(key, f"is {list(values)}: list each once, one at least")
 
     def run(self, run: Run, output: Path) -> None:
-        """See `run_basin`."""
-        run_basin(run, self, output)
+        """Refine the same perturbed poses with every refiner.
 
-
-def run_basin(run: Run, task: BasinSettings, output: Path) -> pd.DataFrame:
-    """Refine the same perturbed poses with every refiner; return what basin.csv holds.
-
-    Writes basin.md, basin.csv, targets.csv, heatmaps/, report.html and manifest.json. Nothing is
-    learnt. The refined poses of each refiner are a stage, so an interrupted run continues where it
-    stopped. Everything is logged as one MLflow run.
-    """
-    with study_run(run, output) as (store, tracker):
-        keys, names = spread(run.keys, task.frames), object_names(run)
-        verdicts = {
-            name: _score(run, keys, _stage(run, task, name, keys, store)) for name in task.compared
-        }
-        cells = basin_cells(_tried(task, verdicts, names))
-        write_basins(output, cells)
-        recalls = {
-            name: {target: float(right.mean()) for target, right in found.items()}
-            for name, found in verdicts.items()
-        }
-        write_target_values(output, recalls, names)
-        draw_basins(output / "heatmaps", cells)
-        tracker.log_metrics(basin_metrics(cells))
-    print(format_basins(cells))
-    return cells
+        Writes basin.md, basin.csv, targets.csv, heatmaps/, report.html and manifest.json. Nothing
+        is learnt. The refined poses of each refiner are a stage, so an interrupted run continues
+        where it stopped. Everything is logged as one MLflow run.
+        """
+        with study_run(run, output) as (store, _):
+            keys = spread(run.keys, self.frames)
+            folders = {name: _stage(run, self, name, keys, store) for name in self.compared}
+            tried = {name: _score(run, self, keys, folder) for name, folder in folders.items()}
+            cells = basin_cells(pd.concat(tried, names=["refiner"]).reset_index("refiner"))
+            write_basins(output, cells)
+            recalls = {
+                name: found.groupby("target")["right"].mean().to_dict()
+                for name, found in tried.items()
+            }
+            write_target_values(output, recalls, object_names(run))
+            draw_basins(output / "heatmaps", cells)
+        print(format_basins(cells))
 
 
 def _stage(
@@ -146,36 +137,25 @@ def _refined(run: Run, task: BasinSettings, name: str, frame: Frame) -> dict[str
     return arrays
 
 
-def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[TargetKey, Verdicts]:
-    """By target, which poses are right by ADD(-S) (perturbations, degrees, mm)."""
+def _score(run: Run, task: BasinSettings, keys: Sequence[str], folder: Path) -> pd.DataFrame:
+    """A row for each pose of a refiner: target, object, starting errors, whether it is right."""
+    errors = task.rotation_deg, task.translation_mm, range(task.perturbations)
+    columns = ["rotation_deg", "translation_mm", "perturbation"]
     targets: list[tuple[int, int, int]] = []
-    right: list[Verdicts] = []
+    found = []
     for key in keys:
         stored = read_arrays(folder, key)
         named = [name.split("/") for name in stored if name.endswith("/poses")]
         for number, object_id, _ in sorted(named, key=lambda parts: int(parts[0])):
             poses, truth = (stored[f"{number}/{object_id}/{part}"] for part in ("poses", "truth"))
-            model, evaluation = run.dataset.models[int(object_id)], run.settings.evaluation
-            verdicts = add_correct(poses.reshape(-1, 4, 4), truth, model, evaluation)
+            model = run.dataset.models[int(object_id)]
+            right = add_correct(poses.reshape(-1, 4, 4), truth, model, run.settings.evaluation)
+            index = pd.MultiIndex.from_product(errors, names=columns)
             targets.append((*parse_frame_key(key), int(object_id)))
-            right.append(np.moveaxis(verdicts.reshape(poses.shape[:3]), 2, 0))
-    return dict(zip(numbered_targets(targets), right, strict=True))
-
-
-def _tried(
-    task: BasinSettings,
-    verdicts: Mapping[str, Mapping[TargetKey, Verdicts]],
-    names: Mapping[int, str],
-) -> pd.DataFrame:
-    """A row for each refined pose: refiner, object, starting errors, and whether it is right."""
-    columns = ["refiner", "object", "perturbation", "rotation_deg", "translation_mm"]
-    tried = []
-    for refiner, found in verdicts.items():
-        for target, right in sorted(found.items(), key=lambda pair: pair[0][2]):
-            errors = range(len(right)), task.rotation_deg, task.translation_mm
-            index = pd.MultiIndex.from_product([[refiner], [names[target[2]]], *errors])
-            tried.append(pd.Series(right.ravel(), index.set_names(columns), name="right"))
-    return pd.concat(tried).reset_index()
+            found.append(pd.DataFrame({"object": model.name, "right": right}, index).reset_index())
+    numbered = zip(numbered_targets(targets), found, strict=True)
+    named_targets = sorted(numbered, key=lambda pair: pair[0][2])
+    return pd.concat([rows.assign(target=[key] * len(rows)) for key, rows in named_targets])
 
 
 def perturbation_grid(

@@ -55,7 +55,8 @@ def test_bars_of_several_series_stand_beside_each_other_and_losses_go_to_the_lef
 
 
 def test_runs_have_two_recalls_and_the_times_of_their_stages() -> None:
-    timing = {"total": {"median": 90.0}, "voting": {"median": 20.0}, "local": {"median": 10.0}}
+    medians = {"total": 90.0, "voting": 20.0, "local": 10.0, "refinement": None}
+    timing = {stage: {"median": median, "p95": None} for stage, median in medians.items()}
     first = {**scored(0.7, 0.0, {"cat": 0.7}), "timing_ms": timing}
     add, pose, time = run_panels([first, scored(0.8, 40.0, {"cat": 0.8})])
     assert add.series[""][1] == Bar(0.8, "0.800", (pytest.approx(0.7), pytest.approx(0.84)))
@@ -65,7 +66,7 @@ def test_runs_have_two_recalls_and_the_times_of_their_stages() -> None:
         "voting": [Bar(60.0), None], "local": [Bar(30.0), None], "refinement": [None, Bar(40.0)],
     }  # fmt: skip
     assert time.stacked and time.totals == ["90.0", "40.0"]
-    loaded = [{**first, "timing": {"load": load}} for load in (1.4, 6.5)]
+    loaded = [{**first, "timing": {"cpu_ms": None, "load": load}} for load in (1.4, 6.5)]
     assert run_panels(loaded)[2].totals == ["90.0 (load 1.4)", "90.0 (load 6.5)"]
     assert run_panels([loaded[0]] * 2)[2].totals == ["90.0", "90.0"]
 

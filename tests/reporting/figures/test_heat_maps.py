@@ -81,7 +81,7 @@ def test_the_oracle_matrix_has_a_row_an_object_and_a_column_a_cell() -> None:
     matrix = [
         {
             "region": region,
-            "coarse": "noisy",
+            "coarse": "true",
             "add": {"recall": recalls[2, column]},
             "per_object": {
                 name: {"recall": recalls[row, column]} for row, name in enumerate(("cat", "can"))
@@ -95,7 +95,7 @@ def test_the_oracle_matrix_has_a_row_an_object_and_a_column_a_cell() -> None:
     np.testing.assert_array_equal(ax.images[0].get_array(), recalls)
     assert ax.images[0].get_clim() == (0.0, 1.0)
     assert [text.get_text() for text in ax.texts] == [f"{recall:.3f}" for recall in recalls.ravel()]
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["est/true±", "true/true±"]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["est/true", "true/true"]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["cat", "can", "all targets"]
     title = figure.get_suptitle()
     assert title.endswith("Lost by each stage: region +0.010, coarse pose -0.020")

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from hlp.reporting.bench_tables import TIMED, TOTAL, format_ms
+from hlp.reporting.study_tables import TIMED, TOTAL, format_ms
 from hlp.reporting.summary_tables import METRIC_LABELS, paper_recalls, run_cells
 from hlp.results.recalls import CORRECT
 

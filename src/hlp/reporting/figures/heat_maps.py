@@ -113,7 +113,7 @@ def oracle_map(result: Mapping[str, Any]) -> "Figure":
     found = [{**cell["per_object"], ALL_TARGETS: cell["add"]} for cell in result["cells"]]
     names = [*found[0]]
     recalls = np.array([[cell[name]["recall"] for cell in found] for name in names], dtype=float)
-    axes = ("region/coarse pose: estimated, true, true± (turned and shifted)", "")
+    axes = ("region/coarse pose: estimated, true", "")
     lost = ", ".join(f"{stage} {share:+.3f}" for stage, share in result["lost"].items())
     title = f"ADD(-S) recall of {result['frames']} frames\nLost by each stage: {lost}"
     columns = [head_of(cell) for cell in result["cells"]]

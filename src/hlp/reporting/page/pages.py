@@ -30,7 +30,7 @@ from hlp.reporting.summary_tables import (
     timing_words,
     waterfall_tables,
 )
-from hlp.reporting.sweep_report import differences_table, note_of, sweep_table
+from hlp.reporting.sweep_report import note_of, sweep_table
 from hlp.reporting.sweeps import Sweep, read_sweeps
 from hlp.reporting.table import Table, format_share
 from hlp.results.recalls import TargetKey, read_summary
@@ -239,7 +239,6 @@ def write_sweep_page(folder: Path) -> Path:
             "name": sweep.name,
             "table": sweep_table(sweep),
             "best": next((i for i, run in enumerate(sweep.runs) if run is sweep.best), None),
-            "differences": differences_table(sweep),
             "links": [
                 f"{run.folder.name}/{PAGE}" if (run.folder / PAGE).is_file() else ""
                 for run in sweep.runs
