@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hlp.commands.arguments import is_true, known_arguments, tracking_uri, whole_number
+from hlp.errors import InputError
 from hlp.reporting.experiments import describe_reports
 from hlp.reporting.mlflow import is_local
 from hlp.reporting.mlflow.pages import PORT, newest_page, server

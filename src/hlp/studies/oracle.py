@@ -107,7 +107,7 @@ def _stage(
     """Folder with the pose of every target in every cell."""
     settings = detection.settings
     decided = {"agree_mm": task.agree_mm, "refinement": settings.refinement}
-    upstream = {"hypotheses": detection.hypotheses().fingerprint}
+    upstream = {"hypotheses": detection.make("hypotheses").fingerprint}
     chosen = (settings.encoder, settings.codebook, settings.voting, settings.refinement)
     code = study_code(__name__, *chosen, run.dataset.frames)
     find = partial(_find, detection, task)
