@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -43,11 +42,11 @@ MODELS = {
 MASKS = {"0": {"counts": [3, 4, 5], "size": [3, 4]}}
 
 
-def written(value: Any) -> bytes:
+def written(value):
     return json.dumps(value).encode()
 
 
-def read_scene(folder: Path) -> None:
+def read_scene(folder):
     """All that is read of a scene's text files."""
     scenes = list_scenes(folder.parent)
     for frame in (0, 12):
@@ -59,7 +58,7 @@ def read_scene(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", SCENE)
 @given(data=st.data())
-def test_scenes(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_scenes(tmp_path, name, data):
     folder = tmp_path / "test" / "000006"
     folder.mkdir(parents=True, exist_ok=True)
     for each, content in SCENE.items():
@@ -73,7 +72,7 @@ def test_scenes(tmp_path: Path, name: str, data: st.DataObject) -> None:
 
 
 @given(spoiled(written(MASKS)))
-def test_masks(tmp_path: Path, content: bytes) -> None:
+def test_masks(tmp_path, content):
     path = tmp_path / "000006_000000.mask_visib.json"
     path.write_bytes(content)
     scene = Scene(tmp_path, 6)
@@ -81,7 +80,7 @@ def test_masks(tmp_path: Path, content: bytes) -> None:
 
 
 @given(spoiled(written(TARGETS)))
-def test_targets(tmp_path: Path, content: bytes) -> None:
+def test_targets(tmp_path, content):
     path = tmp_path / "test_targets.json"
     path.write_bytes(content)
     is_clean(lambda: list_targets({}, path, 0.1), path)
@@ -89,11 +88,11 @@ def test_targets(tmp_path: Path, content: bytes) -> None:
 
 @given(spoiled(written(MODELS)))
 @example(written(MODELS).replace(b'"axis": [0,', b'"axis": [1e+300,'))
-def test_models_info(tmp_path: Path, content: bytes) -> None:
+def test_models_info(tmp_path, content):
     path = tmp_path / "models_info.json"
     path.write_bytes(content)
 
-    def read() -> None:
+    def read():
         for info in read_as(path, schemas.ModelInfos).values():
             motions = symmetry_motions(info, 8, str(path))
             assert np.isfinite(motions).all()
@@ -102,7 +101,7 @@ def test_models_info(tmp_path: Path, content: bytes) -> None:
 
 
 @given(spoiled(written({"1": "ape", "6": "cat"})))
-def test_names(tmp_path: Path, content: bytes) -> None:
+def test_names(tmp_path, content):
     path = tmp_path / "models" / "names.json"
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(content)
@@ -141,11 +140,11 @@ INTRINSICS = {
 
 @pytest.mark.parametrize("name", INTRINSICS)
 @given(data=st.data())
-def test_intrinsics(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_intrinsics(tmp_path, name, data):
     path = tmp_path / name
     path.write_bytes(data.draw(spoiled(INTRINSICS[name])))
 
-    def read() -> None:
+    def read():
         camera = read_camera(str(path))
         assert np.isfinite(camera.matrix).all() and (np.diag(camera.matrix) > 0).all()
         assert np.isfinite(camera.distortion).all()
@@ -165,7 +164,7 @@ NUMBERS: dict[str, tuple[bytes, Callable[[Path], np.ndarray]]] = {
 
 @pytest.mark.parametrize("name", NUMBERS)
 @given(data=st.data())
-def test_linemod_s_and_ycbineoat_s_files(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_linemod_s_and_ycbineoat_s_files(tmp_path, name, data):
     content, read = NUMBERS[name]
     path = tmp_path / name
     path.write_bytes(data.draw(spoiled(content)))
@@ -175,7 +174,7 @@ def test_linemod_s_and_ycbineoat_s_files(tmp_path: Path, name: str, data: st.Dat
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), st.integers(0, 40))
 @example(65536, 65536, 0)
 @example(-3, -4, 24)
-def test_sizes_that_a_dpt_states(tmp_path: Path, rows: int, columns: int, length: int) -> None:
+def test_sizes_that_a_dpt_states(tmp_path, rows, columns, length):
     path = tmp_path / "depth0.dpt"
     path.write_bytes(np.array([rows, columns], "<i4").tobytes() + b"\1" * length)
     if rows > 0 and columns > 0 and 2 * rows * columns == length:

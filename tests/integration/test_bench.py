@@ -1,8 +1,5 @@
 """`hlp bench` on the tiny run's dataset and stages."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -17,7 +14,6 @@ from hlp.stages.training import TrainingStages
 from hlp.studies.bench_times import PARTS, PartClock
 from run_files import read_json
 from table_text import unpadded
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]
 
@@ -25,7 +21,7 @@ COMPARED = ("+task.compared.few.refinement.particles=3", "+task.compared.same.se
 
 
 @pytest.fixture(scope="module")
-def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(tiny_run, tmp_path_factory):
     output = tmp_path_factory.mktemp("bench")
     fast = ("patches.region.scan=fast", "refinement.iterations=4")
     run = tiny_run.build("task=bench", *fast, *COMPARED)
@@ -33,7 +29,7 @@ def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
-def estimator_of(tiny_run: TinyRun, *overrides: str) -> tuple[Any, PoseEstimator]:
+def estimator_of(tiny_run, *overrides):
     """The run, and an estimator with what it has learnt."""
     run = tiny_run.build("task=bench", *overrides)
     training = TrainingStages(
@@ -44,7 +40,7 @@ def estimator_of(tiny_run: TinyRun, *overrides: str) -> tuple[Any, PoseEstimator
     return run, PoseEstimator(training, find, run.dataset.target_ids)
 
 
-def test_bench_states_every_part_of_every_path(bench: Path) -> None:
+def test_bench_states_every_part_of_every_path(bench):
     result = read_json(bench / "bench.json")
     assert set(result["paths"]) == {"configured", "reference", "few", "same"}
     for path in result["paths"].values():
@@ -66,7 +62,7 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
     assert stages and all(event["reused"] for event in stages)
 
 
-def test_times_by_target_have_the_medians_of_the_study(bench: Path) -> None:
+def test_times_by_target_have_the_medians_of_the_study(bench):
     numbers = read_numbers(bench, KINDS["bench"])
     values = {name: number.value for name, number in numbers.items()}
     targets = read_target_values(bench)
@@ -76,7 +72,7 @@ def test_times_by_target_have_the_medians_of_the_study(bench: Path) -> None:
         assert values[name] == pytest.approx(np.median([*found.values()]))
 
 
-def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
+def test_bench_compares_results_and_times_of_paths(bench):
     result = read_json(bench / "bench.json")
     few, same = (result["compared"][name] for name in ("few", "same"))
     assert (same["same_pose"], same["same_verdict"], same["region_iou"]) == (1.0, 1.0, 1.0)
@@ -90,7 +86,7 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
     assert {"bench.png", "bench.svg"} <= {path.name for path in bench.iterdir()}
 
 
-def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
+def test_a_search_that_is_timed_has_the_same_answers(tiny_run):
     run, estimator = estimator_of(tiny_run)
     frame = run.dataset.frames.load(run.keys[0])
     object_id = next(iter(run.dataset.instances_to_find(frame)))
@@ -105,7 +101,7 @@ def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
     assert found[0] == found[1]
 
 
-def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:
+def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run, tmp_path):
     wrong = ("+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'work'}")
     run = tiny_run.build("task=bench", *wrong)
     with pytest.raises(ValueError, match=r"^refinement\.particels is not a key: did you"):
