@@ -3,7 +3,6 @@
 import pytest
 
 from hlp.method.find.estimator import PoseEstimator
-from hlp.refinement.refiner import NoneRefiner
 from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.recalls import read_target_values
 from run_files import logged_run, read_json, rows, stages
@@ -102,14 +101,3 @@ def test_basin_maps_every_refiner_from_the_same_starts(tiny_run, tmp_path, capsy
     assert drawn == objects | {"all"} == {path.stem for path in (output / "heatmaps").glob("*.svg")}
     assert "perturbations each" in capsys.readouterr().out
     assert logged_metrics(tiny_run, output)["basin/none/all"] < 0.5
-
-
-def test_a_refiner_that_is_added_leaves_the_others_as_they_are(tiny_run, tmp_path, monkeypatch):
-    small = ("task.frames=1", "task.rotation_deg=[0]", "task.translation_mm=[0,10]")
-    first, second = tmp_path / "first", tmp_path / "second"
-    run_experiment(tiny_run, "basin", first, *small, "task.compared=[none]")
-    monkeypatch.setattr(NoneRefiner, "refine", None)
-    run_experiment(tiny_run, "basin", second, *small, "task.compared=[none,icp]")
-    assert stages(second, reused=True).keys() == {"basin"}
-    before, after = ((path / "basin.csv").read_text() for path in (first, second))
-    assert after.startswith(before)
