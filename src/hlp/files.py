@@ -210,29 +210,21 @@ def _too_deep(where: str) -> DataError:
     return DataError(f"{where} is nested deeper than {_DEEPEST} levels: no file of this kind is")
 
 
-def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
+def read_csv(path: Path, columns: Sequence[str], *, more: bool = False) -> list[dict[str, Any]]:
     """Rows of a CSV file by column name; the first row is line 2, missing cells are None.
 
-    Raises MissingFileError, or DataError naming a file whose first line is not `columns`, or that
-    is not text.
+    With `more`, further columns may follow. Raises MissingFileError, or DataError naming a file
+    whose first line is not `columns`, or that is not text.
     """
-    more, rows = read_table(path, columns)
-    if more:
-        raise DataError(f"{path}: the first line must be {','.join(columns)}")
-    return rows
-
-
-def read_table(path: Path, columns: Sequence[str]) -> tuple[list[str], list[dict[str, Any]]]:
-    """As `read_csv`, of a file that may have further columns after these; also their names."""
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             reader = csv.DictReader(stream)
             names = tuple(reader.fieldnames or ())
-            if names[: len(columns)] != tuple(columns):
+            if (names[: len(columns)] if more else names) != tuple(columns):
                 raise DataError(f"{path}: the first line must be {','.join(columns)}")
-            return [*names[len(columns) :]], list(reader)
+            return list(reader)
     except (UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path} is damaged, or no table in UTF-8 ({error})") from error
 

@@ -1,23 +1,14 @@
 """Which task a configuration asks for, and on which dataset."""
 
-from pathlib import Path
-
 import pytest
-from hydra import compose, initialize_config_dir
 
+from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.studies.basin import BasinSettings
 from hlp.studies.bench import BenchSettings
 from hlp.studies.evaluate import EvaluateSettings
 from hlp.studies.oracle import OracleSettings
 from hlp.studies.search import SearchSettings
-
-CONF = Path(__file__).parents[2] / "conf"
-
-
-def configuration(*overrides):
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("config", overrides=["output=out", *overrides])
 
 
 @pytest.mark.parametrize(
@@ -31,18 +22,18 @@ def configuration(*overrides):
     ],
 )
 def test_the_configuration_chooses_the_task(choice, kind):
-    assert isinstance(build_settings(configuration(choice)).task, kind)
+    assert isinstance(build_settings(compose_config("output=out", choice)).task, kind)
 
 
 def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
     """So it finds the stages that a run of that dataset has left."""
     board = ("data=linemod_bop", "data.root=lm")
     for experiment in ("oracle", "basin"):
-        demo = build_settings(configuration(f"experiment={experiment}"))
-        assert demo.patches == build_settings(configuration()).patches
-        assert demo.rendering == build_settings(configuration()).rendering
-        own = build_settings(configuration(f"experiment={experiment}", *board))
-        run = build_settings(configuration("experiment=linemod_bop", "data.root=lm"))
+        demo = build_settings(compose_config("output=out", f"experiment={experiment}"))
+        assert demo.patches == build_settings(compose_config("output=out")).patches
+        assert demo.rendering == build_settings(compose_config("output=out")).rendering
+        own = build_settings(compose_config("output=out", f"experiment={experiment}", *board))
+        run = build_settings(compose_config("output=out", "experiment=linemod_bop", "data.root=lm"))
         assert (own.patches, own.rendering) == (run.patches, run.rendering)
         assert own.rendering != demo.rendering and own.name == experiment
 
@@ -60,21 +51,28 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
 )
 def test_a_wrong_value_is_named_by_its_key(overrides, message):
     with pytest.raises(ValueError, match=message):
-        build_settings(configuration("experiment=oracle", *overrides))
+        build_settings(compose_config("output=out", "experiment=oracle", *overrides))
 
 
 def test_a_refiner_that_is_not_there_is_named_and_others_can_be_added():
     with pytest.raises(ValueError, match=r"^task\.compared names 'psi': choose of pso, icp, none"):
-        build_settings(configuration("experiment=basin", "task.compared=[psi]"))
+        build_settings(compose_config("output=out", "experiment=basin", "task.compared=[psi]"))
     with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.trim is 'much'"):
-        build_settings(configuration("experiment=basin", "task.refiners.icp.trim=much"))
+        build_settings(
+            compose_config("output=out", "experiment=basin", "task.refiners.icp.trim=much")
+        )
     with pytest.raises(
         ValueError, match=r"^task\.refiners\.icp\.name is 'icq': choose one of icp, none, pso$"
     ):
-        build_settings(configuration("experiment=basin", "task.refiners.icp.name=icq"))
+        build_settings(
+            compose_config("output=out", "experiment=basin", "task.refiners.icp.name=icq")
+        )
     task = build_settings(
-        configuration(
-            "experiment=basin", "task.compared=[paper,wide]", "+refinement@task.refiners.wide=pso"
+        compose_config(
+            "output=out",
+            "experiment=basin",
+            "task.compared=[paper,wide]",
+            "+refinement@task.refiners.wide=pso",
         )
     ).task
     assert isinstance(task, BasinSettings)

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -41,11 +40,11 @@ MODELS = {
 }
 
 
-def written(value: Any) -> bytes:
+def written(value):
     return json.dumps(value).encode()
 
 
-def read_scene(folder: Path) -> None:
+def read_scene(folder):
     """All that is read of a scene's text files."""
     scenes = list_scenes(folder.parent)
     for frame in (0, 12):
@@ -56,7 +55,7 @@ def read_scene(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", SCENE)
 @given(data=st.data())
-def test_scenes(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_scenes(tmp_path, name, data):
     folder = tmp_path / "test" / "000006"
     folder.mkdir(parents=True, exist_ok=True)
     for each, content in SCENE.items():
@@ -70,7 +69,7 @@ def test_scenes(tmp_path: Path, name: str, data: st.DataObject) -> None:
 
 
 @given(spoiled(written(TARGETS)))
-def test_targets(tmp_path: Path, content: bytes) -> None:
+def test_targets(tmp_path, content):
     path = tmp_path / "test_targets.json"
     path.write_bytes(content)
     is_clean(lambda: list_targets({}, path, 0.1), path)
@@ -78,11 +77,11 @@ def test_targets(tmp_path: Path, content: bytes) -> None:
 
 @given(spoiled(written(MODELS)))
 @example(written(MODELS).replace(b'"axis": [0,', b'"axis": [1e+300,'))
-def test_models_info(tmp_path: Path, content: bytes) -> None:
+def test_models_info(tmp_path, content):
     path = tmp_path / "models_info.json"
     path.write_bytes(content)
 
-    def read() -> None:
+    def read():
         for info in read_as(path, schemas.ModelInfos).values():
             motions = symmetry_motions(info, 8, str(path))
             assert np.isfinite(motions).all()
@@ -91,7 +90,7 @@ def test_models_info(tmp_path: Path, content: bytes) -> None:
 
 
 @given(spoiled(written({"1": "ape", "6": "cat"})))
-def test_names(tmp_path: Path, content: bytes) -> None:
+def test_names(tmp_path, content):
     path = tmp_path / "models" / "names.json"
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(content)
@@ -130,11 +129,11 @@ INTRINSICS = {
 
 @pytest.mark.parametrize("name", INTRINSICS)
 @given(data=st.data())
-def test_intrinsics(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_intrinsics(tmp_path, name, data):
     path = tmp_path / name
     path.write_bytes(data.draw(spoiled(INTRINSICS[name])))
 
-    def read() -> None:
+    def read():
         camera = read_camera(str(path))
         assert np.isfinite(camera.matrix).all() and (np.diag(camera.matrix) > 0).all()
         assert np.isfinite(camera.distortion).all()
@@ -154,7 +153,7 @@ NUMBERS: dict[str, tuple[bytes, Callable[[Path], np.ndarray]]] = {
 
 @pytest.mark.parametrize("name", NUMBERS)
 @given(data=st.data())
-def test_linemod_s_and_ycbineoat_s_files(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_linemod_s_and_ycbineoat_s_files(tmp_path, name, data):
     content, read = NUMBERS[name]
     path = tmp_path / name
     path.write_bytes(data.draw(spoiled(content)))
@@ -164,7 +163,7 @@ def test_linemod_s_and_ycbineoat_s_files(tmp_path: Path, name: str, data: st.Dat
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), st.integers(0, 40))
 @example(65536, 65536, 0)
 @example(-3, -4, 24)
-def test_sizes_that_a_dpt_states(tmp_path: Path, rows: int, columns: int, length: int) -> None:
+def test_sizes_that_a_dpt_states(tmp_path, rows, columns, length):
     path = tmp_path / "depth0.dpt"
     path.write_bytes(np.array([rows, columns], "<i4").tobytes() + b"\1" * length)
     if rows > 0 and columns > 0 and 2 * rows * columns == length:

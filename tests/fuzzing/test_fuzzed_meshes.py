@@ -1,7 +1,5 @@
 """Whatever stands in a mesh file: a sound mesh, or an error that names the file."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
@@ -30,7 +28,7 @@ FILES = {
 }
 
 
-def read(path: Path) -> None:
+def read(path):
     mesh = load_mesh(path, None)
     count = len(mesh.vertices)
     assert mesh.normals.shape == (count, 3) and mesh.colors.shape == (count, 3)
@@ -40,7 +38,7 @@ def read(path: Path) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 @given(data=st.data())
-def test_meshes(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_meshes(tmp_path, name, data):
     path = tmp_path / name
     path.write_bytes(FILES[name])
     assert is_clean(lambda: read(path), path)
@@ -49,21 +47,21 @@ def test_meshes(tmp_path: Path, name: str, data: st.DataObject) -> None:
 
 
 @given(spoiled(MTL))
-def test_materials(tmp_path: Path, content: bytes) -> None:
+def test_materials(tmp_path, content):
     path = tmp_path / "box.obj"
     path.write_bytes(FILES["box.obj"])
     (tmp_path / "box.mtl").write_bytes(content)
     is_clean(lambda: read(path), path)
 
 
-def test_vertices_without_three_coordinates(tmp_path: Path) -> None:
+def test_vertices_without_three_coordinates(tmp_path):
     (tmp_path / "box.obj").write_text("v 1\nv 0 0 1\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(DataError, match="without three coordinates"):
         load_mesh(tmp_path / "box.obj", None)
 
 
 @pytest.mark.parametrize("name", ["1" + "0" * 400, "a\0b"])
-def test_a_material_s_name_that_no_file_can_have(tmp_path: Path, name: str) -> None:
+def test_a_material_s_name_that_no_file_can_have(tmp_path, name):
     path = tmp_path / "box.obj"
     path.write_text(OBJ.replace("box.mtl", name))
     assert is_clean(lambda: read(path), path)

@@ -1,8 +1,5 @@
 """`hlp bench` on the tiny run's dataset and stages."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -17,7 +14,6 @@ from hlp.stages.training import TrainingStages
 from hlp.studies.bench_times import PARTS, PartClock
 from run_files import read_json
 from table_text import unpadded
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]
 
@@ -25,7 +21,7 @@ COMPARED = ("+task.compared.few.refinement.particles=3", "+task.compared.same.se
 
 
 @pytest.fixture(scope="module")
-def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(tiny_run, tmp_path_factory):
     output = tmp_path_factory.mktemp("bench")
     fast = ("patches.region.scan=fast", "refinement.iterations=4")
     run = tiny_run.build("task=bench", *fast, *COMPARED)
@@ -33,7 +29,7 @@ def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
-def estimator_of(tiny_run: TinyRun, *overrides: str) -> tuple[Any, PoseEstimator]:
+def estimator_of(tiny_run, *overrides):
     """The run, and an estimator with what it has learnt."""
     run = tiny_run.build("task=bench", *overrides)
     training = TrainingStages(
@@ -44,7 +40,7 @@ def estimator_of(tiny_run: TinyRun, *overrides: str) -> tuple[Any, PoseEstimator
     return run, PoseEstimator(training, find, run.dataset.target_ids)
 
 
-def test_bench_states_every_part_of_every_path(bench: Path) -> None:
+def test_bench_states_every_part_of_every_path(bench):
     result = read_json(bench / "bench.json")
     assert set(result["paths"]) == {"configured", "reference", "few", "same"}
     for path in result["paths"].values():
@@ -63,7 +59,7 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
     assert stages and all(event["reused"] for event in stages)
 
 
-def test_verdicts_by_target_have_the_mean_of_the_study(bench: Path) -> None:
+def test_verdicts_by_target_have_the_mean_of_the_study(bench):
     numbers = read_numbers(bench, KINDS["bench"])
     values = {name: number.value for name, number in numbers.items()}
     targets = read_target_values(bench)
@@ -72,7 +68,7 @@ def test_verdicts_by_target_have_the_mean_of_the_study(bench: Path) -> None:
     )
 
 
-def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
+def test_bench_compares_results_and_times_of_paths(bench):
     result = read_json(bench / "bench.json")
     own, few, same = (result["paths"][name] for name in ("configured", "few", "same"))
     assert own["same_pose"] == same["same_pose"] == 1.0 > few["same_pose"]
@@ -81,7 +77,7 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
     assert {"bench.png", "bench.svg"} <= {path.name for path in bench.iterdir()}
 
 
-def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
+def test_a_search_that_is_timed_has_the_same_answers(tiny_run):
     run, estimator = estimator_of(tiny_run)
     frame = run.dataset.frames.load(run.keys[0])
     object_id = next(iter(run.dataset.instances_to_find(frame)))
@@ -96,7 +92,7 @@ def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
     assert found[0] == found[1]
 
 
-def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:
+def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run, tmp_path):
     wrong = ("+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'work'}")
     run = tiny_run.build("task=bench", *wrong)
     with pytest.raises(ValueError, match=r"^refinement\.particels is not a key: did you"):

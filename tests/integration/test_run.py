@@ -197,7 +197,8 @@ def test_console_tells_the_stages_and_where_the_results_are(tiny_run):
     assert "reused" not in said
     own = ("made ", "drawn ", "step ")
     log = said[: said.index("Recall")].splitlines()
-    assert [line for line in log if not line.startswith(own)] == []
+    others = [line for line in log if not line.startswith(own)]
+    assert [line for line in others if not line.endswith(" left")] == []  # of slow machines
     assert str(tiny_run.made_in / "first") in said
     assert str(Path("first") / "stages") in said
     assert "Times: measured by this run on 2 frames." in said

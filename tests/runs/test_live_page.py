@@ -7,9 +7,7 @@ from hlp.errors import InputError
 from hlp.runs.live import PicturePage
 
 
-def test_the_page_shows_the_last_picture_to_this_machine_alone(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_page_shows_the_last_picture_to_this_machine_alone(capsys):
     page = PicturePage(0)
     port = page.server_address[1]
     try:

@@ -3,14 +3,12 @@
 import json
 import platform
 import subprocess
-from importlib.metadata import FileHash, PackagePath
 
 import pytest
 import torch
 
 import hlp
 from hlp.errors import DataError, MissingFileError
-from hlp.stages import manifest as provenance
 from hlp.stages.manifest import code_digest, device_name, git_revision, library_builds, processor
 from hlp.stages.store import StageStore
 from hlp.stages.warm_start import WarmStartSettings, read_warm_start
@@ -54,31 +52,6 @@ def test_revision_is_the_commit_and_says_what_was_changed_since(package, monkeyp
     monkeypatch.setattr(hlp, "__file__", str(package / "__init__.py"))
     monkeypatch.setenv("PATH", "")
     assert git_revision() is None
-
-
-class Installed:
-    """A distribution whose installer recorded these files with their hashes."""
-
-    def __init__(self, **hashes):
-        self.files = []
-        for name, value in hashes.items():
-            path = PackagePath(f"library/{name.replace('_', '.')}")
-            path.hash = None if value is None else FileHash(f"sha256={value}")
-            self.files.append(path)
-
-
-def test_a_build_is_known_by_its_compiled_files(monkeypatch):
-    def builds(**hashes):
-        monkeypatch.setattr(provenance, "distribution", lambda name: Installed(**hashes))
-        return library_builds()
-
-    first = builds(core_so="a", blas_so_3="b", init_py="c")
-    assert first.keys() == {*provenance.LIBRARIES, "llvmlite"}
-    assert builds(core_so="a", blas_so_3="b", init_py="d", core_pyc=None) == first
-    assert builds(blas_so_3="b", core_so="a", init_py="c") == first
-    other = builds(core_so="a", blas_so_3="x", init_py="c")
-    assert all(other[name] != first[name] for name in first)
-    assert builds(init_py="c", core_so=None) == {}
 
 
 def test_this_machine_and_its_libraries_are_named():

@@ -179,23 +179,6 @@ def test_the_data_change_the_names_of_what_is_made_from_them(dataset, tmp_path):
     assert changed(before, more) == {"regions", "hypotheses", "poses"}
 
 
-def test_one_mesh_under_two_ids_shares_its_views_and_nothing_else(dataset):
-    model = next(iter(dataset.models.values()))
-    one, six = (
-        names(
-            method_settings(),
-            dataclasses.replace(
-                dataset, models={i: dataclasses.replace(model, object_id=i)}, target_ids=(i,)
-            ),
-        )
-        for i in (1, 6)
-    )
-    assert one["views 1"] == six["views 6"]
-    assert one["codebook 1"] != six["codebook 6"]
-    for stage in ("classifier 0", "encoder 0", "regions", "hypotheses", "poses"):
-        assert one[stage] != six[stage]
-
-
 @pytest.fixture
 def edit(monkeypatch):
     """Adds a line to a module's source, as far as digests know."""

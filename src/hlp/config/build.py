@@ -70,11 +70,8 @@ def build_run(config: DictConfig, chosen: Chosen | None = None) -> Run:
     if not keys:
         raise ConfigError("data holds no frame with a target")
     keys = spread(keys, settings.frames)
-    plain = OmegaConf.to_container(config, resolve=True)
-    assert isinstance(plain, dict)
     bad = find_bad_frames(dataset, keys)
-    values = {str(key): value for key, value in plain.items()}
-    run = Run(settings, dataset, keys, values, bad, chosen or Chosen())
+    run = Run(settings, dataset, keys, _values(config), bad, chosen or Chosen())
     if settings.on_bad_frame == "fail":
         run.require_sound_frames()
     run.require_some(bad)
@@ -114,9 +111,13 @@ def build_settings(config: DictConfig) -> RunSettings:
         OmegaConf.to_container(config, throw_on_missing=True)
     except MissingMandatoryValue as error:
         raise ConfigError(f"{error.full_key} is not set: set {error.full_key}=VALUE") from error
+    return read_settings(RunSettings, _values(config))
+
+
+def _values(config: DictConfig) -> dict[str, Any]:
     values = OmegaConf.to_container(config, resolve=True)
     assert isinstance(values, dict)
-    return read_settings(RunSettings, {str(key): value for key, value in values.items()})
+    return {str(key): value for key, value in values.items()}
 
 
 def check_symmetric(settings: EvaluationSettings, objects: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hlp.errors import DataError
-from hlp.files import read_json, read_table, write_csv
+from hlp.files import read_csv, read_json, write_csv
 from hlp.records import TargetScore
 
 Summary = dict[str, Any]
@@ -104,7 +104,8 @@ def read_target_values(folder: Path) -> dict[str, dict[TargetKey, float]]:
     path = folder / FILE
     if not path.is_file():
         return {}
-    names, rows = read_table(path, _COLUMNS)
+    rows = read_csv(path, _COLUMNS, more=True)
+    names = [name for name in (rows[0] if rows else ()) if name not in _COLUMNS]
     values: dict[str, dict[TargetKey, float]] = {name: {} for name in names}
     for line, row in enumerate(rows, start=2):
         try:

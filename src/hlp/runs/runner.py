@@ -26,7 +26,6 @@ from hlp.reporting.page.pages import write_run_page
 from hlp.reporting.page.report_data import PANELS, STAGES
 from hlp.reporting.paper_reports import TABLES
 from hlp.reporting.summary_tables import format_summary
-from hlp.reporting.table import prose
 from hlp.results.poses_file import read_poses, write_poses, write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
 from hlp.runs.manifest import make_manifest, poses_digest
@@ -38,7 +37,6 @@ from hlp.stages.frame_task import render_in_workers
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 
-_NAMED = 10  # frames that the last message names
 _logger = logging.getLogger(__name__)
 
 
@@ -212,12 +210,6 @@ def describe_failed(failed: Mapping[str, str]) -> list[dict[str, object]]:
 
 def say_failed(failed: Mapping[str, str], frames: int) -> None:
     """What a run says of them at its end; nothing if there is none."""
-    if not failed:
-        return
-    named = ", ".join(sorted(failed)[:_NAMED])
-    more = ", …" if len(failed) > _NAMED else ""
-    words = (
-        f"{len(failed)} of {frames} frames could not be used; their targets count as wrong: "
-        f"{named}{more} (the reasons are in summary.json)"
-    )
-    _logger.warning("\n%s", prose(words, "text"))
+    if failed:
+        said = f"\n{len(failed)} of {frames} frames could not be used; their targets count as wrong"
+        _logger.warning("%s (the reasons are in summary.json)", said)

@@ -137,9 +137,13 @@ class DetectionStages:
         for stage in stages:
             settings, inputs, modules = self._made_from(stage)
             upstream = {**before, **inputs, "frames": dataset.frames_identity}
-            seed, code = self.settings.seed, stage_code(*always, *modules)
-            of: dict[str, Any] = {"settings": settings | common, "upstream": upstream, "seed": seed}
-            described[stage] = fingerprint(stage, code, **of), of
+            of = {
+                "settings": settings | common,
+                "upstream": upstream,
+                "seed": self.settings.seed,
+                "code": stage_code(*always, *modules),
+            }
+            described[stage] = fingerprint(stage, of), of
             before = {stage: described[stage][0]}
         return described
 

@@ -41,24 +41,14 @@ def stage_code(*modules: str) -> Code:
     return code_of(*sorted(set(modules)), leaving_out=_COLLECTS)
 
 
-def fingerprint(
-    stage: str, code: Code, seed: int, settings: Any, upstream: Mapping[str, str]
-) -> str:
+def fingerprint(stage: str, description: Mapping[str, Any]) -> str:
     """Digest (16 hex digits) of everything that affects a stage's output.
 
-    `code` is the source and the libraries that the stage uses. `settings` is a settings dataclass
-    or a mapping of them, without those that change only the time (paths, threads). `upstream` maps
-    each input to the fingerprint of the stage that made it, or to the identity of the data it was
-    read from. Raises as `plain` does.
+    That is its `settings` without those that change only the time (paths, threads), `seed`, `code`
+    and `upstream`: for each input the fingerprint of the stage that made it, or the identity of the
+    data it was read from. Raises as `plain` does.
     """
-    identity = {
-        "stage": stage,
-        "source": code.source,
-        "libraries": code.libraries,
-        "seed": seed,
-        "settings": plain(settings),
-        "upstream": dict(upstream),
-    }
+    identity = plain({"stage": stage, **description})
     text = json.dumps(identity, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
@@ -124,11 +114,6 @@ def named_outputs(path: Path) -> list[StageEvent]:
             wrong = f"{event.fingerprint!r} is not a fingerprint of a stage '{event.stage}'"
             raise DataError(f"{path}: {wrong}")
     return events
-
-
-def made_outputs(path: Path) -> dict[tuple[str, str], str]:
-    """What `named_outputs` lists: fingerprints by stage and object's name."""
-    return {(event.stage, event.of): event.fingerprint for event in named_outputs(path)}
 
 
 def device_name(device: str) -> str:

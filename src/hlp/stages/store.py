@@ -30,7 +30,7 @@ from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, seal
 from hlp.folders import lock_file, own_files
 from hlp.settings import Stored, stored_as
 from hlp.stages import STEPS
-from hlp.stages.manifest import StageEvent, library_versions, made_outputs, plain
+from hlp.stages.manifest import StageEvent, library_versions, named_outputs, plain
 
 RECORD, IN_USE = "stage.json", ".in-use"
 PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"
@@ -134,7 +134,8 @@ class StageStore:
 
         Raises MissingFileError if it is not in this store, and DataError if it is damaged.
         """
-        name = made_outputs(manifest).get((stage, of), "")
+        named = {(event.stage, event.of): event.fingerprint for event in named_outputs(manifest)}
+        name = named.get((stage, of), "")
         folder = self.root / stage / name
         if not name or not folder.is_dir():
             raise MissingFileError(

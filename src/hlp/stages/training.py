@@ -86,12 +86,12 @@ class TrainingStages:
 
     def missing_views(self) -> list[int]:
         """Objects whose views are not on disk."""
-        names = {i: fingerprint("views", **self._views_description(i)) for i in self.models}
+        names = {i: fingerprint("views", self._views_description(i)) for i in self.models}
         return [i for i, name in names.items() if not self.store.holds("views", name)]
 
     def take_views(self, object_id: int) -> None:
         """Use views that a worker of this run has just written."""
-        name = fingerprint("views", **self._views_description(object_id))
+        name = fingerprint("views", self._views_description(object_id))
         folder = self.store.take("views", name, self.models[object_id].name, reused=False)
         self.made["views", object_id] = Output(name, folder)
 
@@ -248,7 +248,7 @@ class TrainingStages:
         self, stage: str, object_id: int, description: Description, make: Callable[[Path], None]
     ) -> Output:
         if (stage, object_id) not in self.made:
-            name = fingerprint(stage, **description)
+            name = fingerprint(stage, description)
             of = self.models[object_id].name if object_id else ""
             folder = self.store.get_or_make(stage, name, make, description, of)
             self.made[stage, object_id] = Output(name, folder)

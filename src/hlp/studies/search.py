@@ -121,7 +121,10 @@ def _study_name(run: Run, task: SearchSettings) -> str:
     method = run.settings.method
     chosen = (method.encoder, method.codebook, method.voting, method.refinement)
     code = study_code(__name__, *chosen, run.dataset.frames)
-    digest = fingerprint("search", code, run.settings.seed, settings, upstream)
+    digest = fingerprint(
+        "search",
+        {"code": code, "seed": run.settings.seed, "settings": settings, "upstream": upstream},
+    )
     return f"{task.space.name}_{digest}"
 
 

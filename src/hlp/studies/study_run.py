@@ -93,6 +93,6 @@ def stage_of_frames(
             if not has_arrays(folder, key):
                 write_arrays(folder, key, find(run.dataset.frames.load(key)))
 
-    digest = fingerprint(study, code, run.settings.seed, settings, upstream)
-    described = {"settings": settings, "upstream": upstream, "seed": run.settings.seed}
-    return store.get_or_make(study, digest, make, described, label)
+    seed = run.settings.seed
+    described = {"settings": settings, "upstream": upstream, "seed": seed, "code": code}
+    return store.get_or_make(study, fingerprint(study, described), make, described, label)
