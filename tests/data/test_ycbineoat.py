@@ -113,8 +113,8 @@ DEPTH = f"depth/{STAMPS[1]}.png"
         (posed(np.full((4, 4), np.nan)), "must hold 16 finite numbers"),
         (posed(pose(1).T), "is not a pose: it must be R t / 0 0 0 1"),
         (posed(pose(1) @ np.diag([1.1, 1.1, 1.1, 1.0])), "is not a rotation"),
-        (posed(at(600.0)), "places the object 600 m away"),
-        (posed(at(0.001)), "around the camera: translations are in metres"),
+        (posed(at(600.0)), "at 600 m from the camera"),
+        (posed(at(0.001)), "to 100 m before it: translations are in metres"),
     ],
 )
 def test_a_bad_frame_costs_itself_alone(root, spoil, words):

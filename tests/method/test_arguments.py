@@ -71,7 +71,7 @@ CASES = {
     "ragged camera": (frame(camera_matrix=[[1], [2, 3]]), "camera_matrix is not an array"),
     "skewed camera": (frame(camera_matrix=camera(skew=5)), "it must be fx 0 cx 0 fy cy"),
     "huge focal length": (frame(camera_matrix=camera(fx=1e9, fy=1e9)), "must be 3.2 to 640"),
-    "one wrong focal length": (frame(camera_matrix=camera(fy=1)), "fy is 1 px"),
+    "one wrong focal length": (frame(camera_matrix=camera(fy=1)), "and 1 px"),
     "half an instance": (limits(1.5), "max_instances is 1.5"),
     "instances: true": (limits(True), "max_instances is True"),
     "score in words": (limits(score="0.5"), "min_score is '0.5'"),

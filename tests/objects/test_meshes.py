@@ -209,13 +209,6 @@ def test_a_size_that_fits_no_unit_asks_for_it(tmp_path):
     assert np.ptp(load_mesh(path, 0.01).vertices[:, 2]) == pytest.approx(0.05)
 
 
-def test_gltf_in_millimetres_is_taken_for_them_with_a_warning(tmp_path, caplog):
-    path = tmp_path / "a.glb"
-    path.write_bytes(trimesh.Scene([trimesh.creation.box((60, 90, 120))]).export(file_type="glb"))
-    assert np.ptp(load_mesh(path, None).vertices, axis=0).max() == pytest.approx(0.12)
-    assert [record.levelname for record in caplog.records] == ["WARNING"]
-
-
 def test_the_diameter_of_very_many_corners_is_right_to_a_thousandth():
     """All vertices of an ellipsoid are corners of its hull: not every pair is compared."""
     vertices = trimesh.creation.icosphere(6, 50.0).vertices * [1.0, 1.3, 0.8]

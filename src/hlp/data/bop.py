@@ -74,13 +74,6 @@ class BopSettings(FolderSettings):
         Interval(ge=0, le=1),
         Doc("instances whose stated visible fraction is less are no targets (BOP's lists: 0.1)"),
     ] = 0.0
-    search: Annotated[
-        Literal["targets", "all"],
-        Doc(
-            "targets: in each frame, what its targets name (BOP's task); all: every object of the "
-            "data set, the number of instances not being known, to count false alarms"
-        ),
-    ] = "targets"
     empty: Annotated[
         str | None,
         Doc(
@@ -115,7 +108,6 @@ class BopSettings(FolderSettings):
             ids,
             frames,
             **vars(images),
-            search_all=self.search == "all",
             settings=self,
             evaluation_mesh_files=evaluation_meshes(root, models),
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),
