@@ -151,6 +151,7 @@ def test_a_folder_that_is_absent_is_named_with_its_key(root):
 @pytest.mark.parametrize(
     ("name", "frames", "targets", "objects"),
     [
+        ("lm", 202, 1309, 8),
         ("cup", 29, 87, 1),
         ("mustard", 19, 19, 1),
         ("ycbv", 15, 55, 10),
