@@ -120,14 +120,14 @@ def require_near_depths(
     """A true pose lies at a distance like those that the depth image (m) has, and near the view."""
     present = metres[metres > 0]
     depth, low, high = float(center_cam[2]), float(present.min()), float(present.max())
-    if not low / _BEYOND_DEPTH <= depth <= high * _BEYOND_DEPTH:
-        raise DataError(
-            f"{where} places the object at {depth:.4g} m, but the depth image reaches from "
-            f"{low:.4g} to {high:.4g} m: check the unit of the translations and depth_scale"
-        )
     beside = float(np.abs(center_cam[:2]).max())
-    if beside * matrix[0, 0] > _BESIDE * max(metres.shape) * depth:
-        raise DataError(f"{where} places the object {beside:.4g} m beside the view, which it is of")
+    far = not low / _BEYOND_DEPTH <= depth <= high * _BEYOND_DEPTH
+    if far or beside * matrix[0, 0] > _BESIDE * max(metres.shape) * depth:
+        raise DataError(
+            f"{where} places the object at {depth:.4g} m and {beside:.4g} m beside the axis, but "
+            f"the depth image reaches from {low:.4g} to {high:.4g} m: check the unit of the "
+            "translations and depth_scale"
+        )
 
 
 Id = Annotated[int, Ge(0), Le(2**31 - 1)]

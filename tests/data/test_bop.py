@@ -251,7 +251,7 @@ def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
 
 def test_a_pose_far_beyond_the_depths_is_refused(root: Path) -> None:
     with_pose(cam_t_m2c=[0.0, 0.0, 10_000.0])(root)
-    with pytest.raises(DataError, match=r"places the object at 10 m, but the depth image reaches"):
+    with pytest.raises(DataError, match=r"places the object at 10 m .* image reaches"):
         frames_of(root).load(BROKEN)
     assert frames_of(root).read(BROKEN).targets[0].pose_cam_obj[2, 3] == 10.0
 

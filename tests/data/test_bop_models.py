@@ -62,15 +62,6 @@ def test_a_list_that_states_no_symmetry_at_all_leaves_them_to_the_mesh(root, sta
     assert len(model.near_symmetries) == (3 if states else 0)
 
 
-def test_an_absent_mesh_names_the_object_and_where_it_was_sought(root):
-    with pytest.raises(FileNotFoundError) as caught:
-        load_object_models(root, {"cat": ObjectSettings(6, None, None)}, 2000, 36)
-    message = str(caught.value)
-    assert "object 6 (cat)" in message
-    assert str(root / "models" / "obj_000006.ply") in message
-    assert str(root / "models_eval" / "obj_000006.ply") in message
-
-
 def test_a_discrete_symmetry_gets_a_true_rotation_and_metres():
     flip = np.diag([-1.0, -1.0, 1.0, 1.0])
     flip[:3, 3] = [4.0, 0.0, -2.0]

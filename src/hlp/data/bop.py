@@ -4,7 +4,6 @@ Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP to
 The files are in millimetres.
 """
 
-import logging
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -99,10 +98,6 @@ class BopSettings(FolderSettings):
         frames = BopFrames(root, split, listed, given, self.min_visible, self.max_megapixels)
         ids = tuple(sorted({i for counts in frames.targets.values() for i in counts}))
         models = given or self._models(root, name_objects(root, ids))
-        if self.photographs is None and self.rooms is None:
-            logging.getLogger(__name__).info(
-                "Backgrounds in training are procedural: data.photographs and data.rooms name none"
-            )
         return Dataset(
             models,
             ids,
