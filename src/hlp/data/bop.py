@@ -4,7 +4,6 @@ Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP to
 The files are in millimetres.
 """
 
-import logging
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -74,13 +73,6 @@ class BopSettings(FolderSettings):
         Interval(ge=0, le=1),
         Doc("instances whose stated visible fraction is less are no targets (BOP's lists: 0.1)"),
     ] = 0.0
-    search: Annotated[
-        Literal["targets", "all"],
-        Doc(
-            "targets: in each frame, what its targets name (BOP's task); all: every object of the "
-            "data set, the number of instances not being known, to count false alarms"
-        ),
-    ] = "targets"
     empty: Annotated[
         str | None,
         Doc(
@@ -106,16 +98,11 @@ class BopSettings(FolderSettings):
         frames = BopFrames(root, split, listed, given, self.min_visible, self.max_megapixels)
         ids = tuple(sorted({i for counts in frames.targets.values() for i in counts}))
         models = given or self._models(root, name_objects(root, ids))
-        if self.photographs is None and self.rooms is None:
-            logging.getLogger(__name__).info(
-                "Backgrounds in training are procedural: data.photographs and data.rooms name none"
-            )
         return Dataset(
             models,
             ids,
             frames,
             **vars(images),
-            search_all=self.search == "all",
             settings=self,
             evaluation_mesh_files=evaluation_meshes(root, models),
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),

@@ -87,6 +87,9 @@ def fetch(archive: Archive, target: Path) -> dict[str, object]:
     """
     path, stated = (target, None) if target.is_file() else _receive(archive, target)
     size, sha256 = path.stat().st_size, _digest(path, "sha256")
+    if archive.size not in (None, size):
+        path.unlink()
+        raise _wrong(archive, f"it has {size} bytes, not {archive.size}")
     verified = []
     for known in dict.fromkeys((archive.checksum, stated)):
         if known is not None:
@@ -110,7 +113,7 @@ def _digest(path: Path, kind: str) -> str:
 def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     """Load a file beside `target`; the checksum that the server states of it, as Hugging Face's do.
 
-    Raises NetworkError, DiskFullError, and DataError for another file than the known one.
+    Raises NetworkError and DiskFullError.
     """
     import httpx2
     from huggingface_hub import get_hf_file_metadata, set_client_factory
@@ -122,7 +125,8 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     try:
         about = get_hf_file_metadata(archive.url, token=False)  # a mirror must not get the user's
         # Another server's ETag may look like a checksum, and be none: only a hub names a commit.
-        stated = _compared(archive, about.etag if about.commit_hash else None, about.size)
+        hub = about.commit_hash and _SHA256.fullmatch(about.etag or "")
+        stated = f"sha256:{about.etag}" if hub else None
         # A part is continued only as the beginning of the same version.
         version = re.sub(r"[^0-9a-zA-Z]", "", about.etag or archive.checksum or "")[:64]
         part = target.with_name(f"{target.name}.{version}.part")
@@ -171,17 +175,6 @@ def _cut_off(archive: Archive, part: Path, error: Exception) -> NetworkError:
         f"{archive.url} cannot be loaded ({reason}); {kept}: check the network, and call again "
         "to continue, or give another server with mirror=URL"
     )
-
-
-def _compared(archive: Archive, etag: str | None, size: int | None) -> str | None:
-    """The checksum that a hub states, if any. Raises DataError for another than the known."""
-    stated = f"sha256:{etag}" if _SHA256.fullmatch(etag or "") else None
-    known = archive.checksum or ""
-    if stated and known.startswith("sha256:") and known != stated:
-        raise _wrong(archive, f"its checksum is {stated}, not {known}")
-    if size and archive.size not in (None, size):
-        raise _wrong(archive, f"it has {size} bytes, not {archive.size}")
-    return stated
 
 
 def _wrong(archive: Archive, problem: str) -> DataError:

@@ -33,12 +33,12 @@ def find_image(folder: Path, stem: str) -> Path:
     return next((path for path in paths if path.is_file()), paths[0])
 
 
-def read_pixels(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray[Any, Any]:
-    """An image as it is in the file, or as OpenCV's `flags` say.
+def read_pixels(path: Path) -> np.ndarray[Any, Any]:
+    """An image as it is in the file.
 
     Raises MissingFileError, and DataError if it is not an image or cannot be read.
     """
-    return _decoded(_content(path), path, flags)
+    return _decoded(_content(path), path, cv2.IMREAD_UNCHANGED)
 
 
 def _decoded(content: bytes, path: Path, flags: int) -> np.ndarray[Any, Any]:

@@ -109,10 +109,7 @@ def _checked(path: Path, raw: trimesh.Trimesh) -> tuple[Points, Int[np.ndarray, 
         raise DataError(f"{path} has NaN or infinite vertices: repair the mesh")
     faces = np.array(raw.faces, dtype=np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
-        wrong = int(faces.min() if faces.min() < 0 else faces.max())
-        raise DataError(
-            f"{path} has a triangle of vertex {wrong}, of {len(vertices)} vertices: export it again"
-        )
+        raise DataError(f"{path} has a triangle of a vertex that it lacks: export it again")
     diameter = mesh_diameter(vertices)
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     with np.errstate(all="ignore"):  # of sizes that no object has
