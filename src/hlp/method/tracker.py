@@ -252,8 +252,7 @@ def follow(
             return answers[-1]
     all_starts = Hypotheses(starts, np.ones(len(starts)))
     refined = estimator.refine(context, object_id, all_starts, 1, unexplained)
-    if refined is not None:
-        answers += describe(estimator, context, object_id, refined)
+    answers += describe(estimator, context, object_id, refined)
     return max(answers, key=lambda answer: answer.score, default=None)
 
 

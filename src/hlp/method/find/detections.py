@@ -227,13 +227,13 @@ def sort_answers(
 
 def describe_all(estimator: PoseEstimator, context: FrameContext, trace: Trace) -> list[Detection]:
     """The instances that a search chose, object by object, with all that is known of them."""
-    there = [(i, found.refined, found) for i, found in trace.items() if found.refined is not None]
+    ids = [*trace]
 
-    def describe_object(number: int) -> list[Detection]:
-        object_id, refined, found = there[number]
-        return describe(estimator, context, object_id, refined, sum(found.seconds.values()))
+    def describe_object(place: int) -> list[Detection]:
+        found = trace[ids[place]]
+        return describe(estimator, context, ids[place], found.refined, sum(found.seconds.values()))
 
-    described = estimator.team.map(describe_object, len(there))
+    described = estimator.team.map(describe_object, len(ids))
     return [detection for of_object in described for detection in of_object]
 
 
@@ -241,19 +241,18 @@ def describe(
     estimator: PoseEstimator,
     context: FrameContext,
     object_id: int,
-    refined: RefinedHypotheses,
+    refined: RefinedHypotheses | None,
     seconds: float = 0.0,
 ) -> list[Detection]:
     """The instances that stage 3 chose, with all that is known of them."""
-    share = seconds / len(refined.instances)
-    return [
-        replace(
-            describe_pose(estimator, context, object_id, refined.refined[row].pose_cam_obj),
-            seconds=share,
-            runner_up=_runner_up(estimator, context, object_id, refined, row),
-        )
-        for row in refined.instances
-    ]
+    if refined is None:
+        return []
+    described = []
+    for row, pose in zip(refined.instances, refined.chosen_poses, strict=True):
+        found = describe_pose(estimator, context, object_id, pose)
+        other = _runner_up(estimator, context, object_id, refined, row)
+        described.append(replace(found, seconds=seconds / len(refined.instances), runner_up=other))
+    return described
 
 
 def describe_pose(
