@@ -115,7 +115,7 @@ class FakeEstimator:
         self.loaded += 1
 
     def prepare(self, frame: Frame) -> Any:
-        return SimpleNamespace(frame=frame, observation=None)
+        return SimpleNamespace(estimator=self, frame=frame, observation=None)
 
     def verifier(self, object_id: int) -> Any:
         """Nothing is explained by any pose."""

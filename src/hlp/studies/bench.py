@@ -178,7 +178,7 @@ def _detect_all(
     clock, context = PartClock(), None
     for place, object_id in enumerate(object_ids):
         context = estimator.prepare(frame, observer=clock.enter) if context is None else context
-        trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
+        trace = search_frame(context, {object_id: 1}, by_threads=False)[object_id]
         spent, refined = clock.stop(), trace.refined
         assert trace.region is not None
         pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
@@ -197,8 +197,8 @@ def _objects_at_once(run: Run, estimator: PoseEstimator, keys: Sequence[str]) ->
         frame = run.dataset.frames.load(key)
         begun, busy = time.perf_counter(), time.process_time()
         context, counts = estimator.prepare(frame), run.dataset.instances_to_find(frame)
-        trace = search_frame(estimator, context, counts, min_score=0.0)
-        describe_all(estimator, context, trace)
+        trace = search_frame(context, counts, min_score=0.0)
+        describe_all(context, trace)
         spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
     return summarise_spent(spent)
 

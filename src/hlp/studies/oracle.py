@@ -171,9 +171,9 @@ def _poses_by_cell(
     noisy = _noisy(detection, frame, target, task)
     for name, pose in (("true", target.pose_cam_obj), ("noisy", noisy)):
         start = replace(stored, hypotheses=Hypotheses(pose[None], np.ones(1)))
-        refined[name] = _refined(detection, context, object_id, start)
+        refined[name] = _refined(context, object_id, start)
     for region, start in (("estimated", stored), ("true", true)):
-        found[region, "estimated"] = _refined(detection, context, object_id, start)
+        found[region, "estimated"] = _refined(context, object_id, start)
         if start.region is not None and (start.region.mask & visible).any():
             found |= {(region, name): pose for name, pose in refined.items()}
     return {cell: pose for cell, pose in found.items() if pose is not None}
@@ -187,18 +187,10 @@ def _noisy(detection: DetectionStages, frame: Frame, target: Target, task: Oracl
     return np.asarray(perturbed_poses(target.pose_cam_obj, centroid, *sizes, rng)[0])
 
 
-def _refined(
-    detection: DetectionStages, context: FrameContext, object_id: int, given: ObjectTrace
-) -> Pose | None:
+def _refined(context: FrameContext, object_id: int, given: ObjectTrace) -> Pose | None:
     """The first answer of a search from a region, or from coarse poses, without the fallback."""
-    found = search_frame(
-        detection.estimator,
-        context,
-        {object_id: 1},
-        given={object_id: given},
-        fallback=False,
-        by_threads=False,
-    )
+    start = {object_id: given}
+    found = search_frame(context, {object_id: 1}, given=start, fallback=False, by_threads=False)
     refined = found[object_id].refined
     return None if refined is None else refined.refined[refined.best].pose_cam_obj
 
