@@ -178,7 +178,7 @@ def test_a_part_of_a_frame_judges_a_pose_as_the_whole_does(detector):
         model = detector.models["bear"]
         frame = Frame(0, 0, image.rgb, image.depth.astype(np.float32), image.camera_matrix)
         whole = estimator.prepare(frame)
-        part = part_near(estimator, whole, model, poses)
+        part = part_near(whole, model, poses)
         rows, columns = part.frame.depth.shape
         assert 0 < rows * columns < 0.6 * frame.depth.size
         low = (image.camera_matrix - part.frame.camera_matrix)[:2, 2].astype(int)
@@ -198,4 +198,4 @@ def test_a_part_of_a_frame_judges_a_pose_as_the_whole_does(detector):
         # Where the object is not in the image, the part is the whole.
         for places in ([(9.0, 0.0, 0.7)], [(0.0, 0.0, 0.0)], np.zeros((0, 3))):
             elsewhere = rigid(np.eye(3), np.array(places))
-            assert part_near(estimator, whole, model, elsewhere) is whole
+            assert part_near(whole, model, elsewhere) is whole

@@ -230,7 +230,6 @@ class DetectionStages:
         begun, counts = time.perf_counter(), self.dataset.instances_to_find(frame)
         unknown = self.dataset.search_all
         return search_frame(
-            self.estimator,
             self.estimator.prepare(frame),
             dict.fromkeys(counts, MOST_INSTANCES) if unknown else counts,
             min_score=MIN_SCORE if unknown else None,

@@ -151,7 +151,7 @@ def _detect_all(
     clock, context = PartClock(), None
     for place, object_id in enumerate(object_ids):
         context = estimator.prepare(frame, observer=clock.enter) if context is None else context
-        trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
+        trace = search_frame(context, {object_id: 1}, by_threads=False)[object_id]
         spent, refined = clock.stop(), trace.refined
         pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)

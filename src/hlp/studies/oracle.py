@@ -150,27 +150,19 @@ def _poses_by_cell(
         visible = measured_mask(frame, target, model, task.agree_mm / 1e3)
     true = ObjectTrace(Region(object_id, np.zeros((0, 2)), np.zeros(0), visible))
     right = replace(stored, hypotheses=Hypotheses(target.pose_cam_obj[None], np.ones(1)))
-    of_true = _refined(detection, context, object_id, right)
+    of_true = _refined(context, object_id, right)
     found: dict[Cell, Pose | None] = {}
     for region, start in (("estimated", stored), ("true", true)):
-        found[region, "estimated"] = _refined(detection, context, object_id, start)
+        found[region, "estimated"] = _refined(context, object_id, start)
         if start.region is not None and (start.region.mask & visible).any():
             found[region, "true"] = of_true
     return {cell: pose for cell, pose in found.items() if pose is not None}
 
 
-def _refined(
-    detection: DetectionStages, context: FrameContext, object_id: int, given: ObjectTrace
-) -> Pose | None:
+def _refined(context: FrameContext, object_id: int, given: ObjectTrace) -> Pose | None:
     """The first answer of a search from a region, or from coarse poses, without the fallback."""
-    found = search_frame(
-        detection.estimator,
-        context,
-        {object_id: 1},
-        given={object_id: given},
-        fallback=False,
-        by_threads=False,
-    )
+    start = {object_id: given}
+    found = search_frame(context, {object_id: 1}, given=start, fallback=False, by_threads=False)
     refined = found[object_id].refined
     return None if refined is None else refined.refined[refined.best].pose_cam_obj
 

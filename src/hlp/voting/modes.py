@@ -54,6 +54,16 @@ VOTINGS: Registry[VotingSettings] = Registry("voting", "hlp.voting")
 """Alternatives of config group `voting`."""
 
 
+ByDistance = Annotated[
+    bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D; P: false)")
+]
+ByRegion = Annotated[
+    bool, Doc("and by the largest p(object) of the windows near the patch (D; P: false)")
+]
+MostVotes = Annotated[Count, Doc("largest number of votes used, of largest weight (D)")]
+Shifts = Annotated[int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")]
+
+
 @dataclass(frozen=True)
 class MeanShiftSettings(Settings):
     """What the alternatives have in common, with the paper's values. Kernels are flat."""
@@ -62,18 +72,12 @@ class MeanShiftSettings(Settings):
     max_distance: Annotated[
         NotNegative, Doc("T_h (P), in units of the codebook's feature scale; the value is ours (D)")
     ] = 3.0
-    weighted_by_distance: Annotated[
-        bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D; P: false)")
-    ] = False
-    weighted_by_region: Annotated[
-        bool, Doc("and by the largest p(object) of the windows near the patch (D; P: false)")
-    ] = False
+    weighted_by_distance: ByDistance = False
+    weighted_by_region: ByRegion = False
     translation_mm: Annotated[Positive, Doc("kernel radius for centroids (P: 10)")] = 10.0
     rotation_deg: Annotated[Positive, Doc("kernel radius for rotations (P: 5)")] = 5.0
-    max_votes: Annotated[Count, Doc("largest number of votes used, of largest weight (D)")] = 3000
-    mean_shift_iterations: Annotated[
-        int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")
-    ] = 10
+    max_votes: MostVotes = 3000
+    mean_shift_iterations: Shifts = 10
 
     @property
     def radius(self) -> float:
@@ -168,18 +172,12 @@ class JointVotingSettings(MeanShiftSettings):
     """
 
     name: Literal["joint"] = "joint"
-    weighted_by_distance: Annotated[
-        bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D)")
-    ] = True
-    weighted_by_region: Annotated[
-        bool, Doc("and by the largest p(object) of the windows near the patch (D)")
-    ] = True
+    weighted_by_distance: ByDistance = True
+    weighted_by_region: ByRegion = True
     translation_mm: Annotated[Positive, Doc("kernel radius for centroids (D; P: 10)")] = 20.0
     rotation_deg: Annotated[Positive, Doc("kernel radius for rotations (D; P: 5)")] = 18.0
-    max_votes: Annotated[Count, Doc("largest number of votes used, of largest weight (D)")] = 1500
-    mean_shift_iterations: Annotated[
-        int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")
-    ] = 3
+    max_votes: MostVotes = 1500
+    mean_shift_iterations: Shifts = 3
     hypotheses: Annotated[
         Count, Doc("largest number of coarse poses; refinement takes the best fits (D; P: 1)")
     ] = 60

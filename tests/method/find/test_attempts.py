@@ -89,7 +89,8 @@ def refined(*poses):
 
 
 def attempts(estimator, context, instances, min_score=None):
-    return Attempts(estimator, context, 1, instances, None, min_score)
+    context.estimator = estimator
+    return Attempts(context, 1, instances, None, min_score)
 
 
 def found_places(tried):

@@ -16,7 +16,6 @@ from refinement_scene import CAMERA, disturbed
 
 REGION = Region(5, np.zeros((0, 2)), np.zeros(0), np.zeros((4, 4), dtype=bool))
 NONE = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
-CONTEXT = SimpleNamespace(observation="all")
 
 
 def pose(score):
@@ -71,7 +70,8 @@ class Looks:
 
 def search(estimator, *given, **options):
     """Scores and sources of the instances that were found."""
-    found = find_instances(estimator, CONTEXT, REGION, NONE, *given, **options)
+    context = SimpleNamespace(estimator=estimator, observation="all")
+    found = find_instances(context, REGION, NONE, *given, **options)
     if found is None:
         return [], []
     return [float(p[0, 3]) for p in found.chosen_poses], found.sources[[*found.instances]].tolist()
@@ -167,9 +167,8 @@ class Twins:
     def __init__(self, scene, scores=None):
         self.scene, self.scores, self.asked = scene, scores, list[int]()
         settings = VerificationSettings()
-        self.context = SimpleNamespace(
-            observation=observe(scene.rgb, scene.depth, CAMERA, settings)
-        )
+        seen = observe(scene.rgb, scene.depth, CAMERA, settings)
+        self.context = SimpleNamespace(estimator=self, observation=seen)
         self._verifier = Verifier(scene.model, settings)
 
     def verifier(self, _):
@@ -191,7 +190,7 @@ class Twins:
         given = {i: Hypotheses(np.stack(own), np.ones(len(own))) for i, own in poses.items()}
         found = {i: self.refine(i, own) for i, own in given.items()}
         search_again = lambda i, rest: self.refine(i, given[i], rest)  # noqa: E731
-        return found, resolve_conflicts(self, self.context, found, search_again)
+        return found, resolve_conflicts(self.context, found, search_again)
 
 
 @pytest.fixture(scope="module")

@@ -131,7 +131,7 @@ def test_what_is_only_read_is_not_repaired_and_what_is_a_link_is_not_followed(tm
     mine.write_text("of the user")
     (tmp_path / "L.partial").mkdir()
     (tmp_path / "L.partial" / ".request.json").write_text("{}")
-    hidden = tmp_path / ".L.abc" / "L"
+    hidden = tmp_path / ".L.replaced"
     hidden.mkdir(parents=True)
     (hidden / "learnt.json").write_text("{}")
     (tmp_path / ".L.lock").symlink_to(mine)

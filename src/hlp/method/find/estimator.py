@@ -40,6 +40,7 @@ class FrameContext:
     bytes.
     """
 
+    estimator: "PoseEstimator"
     frame: Frame
     windows: FrameWindows
     matches: FrameMatches
@@ -116,7 +117,7 @@ class PoseEstimator:
         verification = self.settings.fine.refinement.verification
         if all(self.learnt.models[object_id].mesh.colored for object_id in self.object_ids):
             verification = replace(verification, tau_image_edge_mm=None)  # nobody would look
-        return FrameContext(frame, windows, matches, verification, mask, observer)
+        return FrameContext(self, frame, windows, matches, verification, mask, observer)
 
     def share_work(self, context: FrameContext, object_ids: Iterable[int]) -> None:
         """Do what these objects share in a frame now, and not when the first one needs it."""

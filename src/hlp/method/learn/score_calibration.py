@@ -87,7 +87,7 @@ def _searches(estimator: PoseEstimator, frame: Frame, object_id: int) -> Iterato
     """What votes find, and what templates find: both give answers later."""
     context, counts = estimator.prepare(frame), {object_id: _INSTANCES}
     # The fallback would need the score that is about to be calibrated.
-    search = partial(search_frame, estimator, context, counts, fallback=False, by_threads=False)
+    search = partial(search_frame, context, counts, fallback=False, by_threads=False)
     found = search()[object_id]
     yield found
     if estimator.has_templates(object_id):
