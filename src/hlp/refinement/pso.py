@@ -30,7 +30,7 @@ class SecondSearchSettings(Settings):
 
 
 @dataclass(frozen=True)
-class FollowSettings(Settings):
+class FollowSettings(SecondSearchSettings):
     """The search about the last pose of an object that is tracked (D).
 
     Chosen on rendered sequences: with 25 particles it takes 1.7 times as long and is right as often
@@ -38,9 +38,6 @@ class FollowSettings(Settings):
     """
 
     particles: Annotated[int, Ge(1), Le(10_000), Doc("number of particles (D)")] = 15
-    theta_deg: Annotated[NotNegative, Doc("half the side of the box in rotation (D)")] = 3.0
-    tau_mm: Annotated[NotNegative, Doc("half the side of the box in translation (D)")] = 3.0
-    patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D)")] = 6
 
 
 @REFINERS.register
