@@ -123,8 +123,6 @@ def test_bad_input_is_named():
     poses[1, 0, 3] = np.nan
     with pytest.raises(ValueError, match=r"poses_cam_obj\[1\]"):
         render_depth(mesh, poses, CAMERA, SHAPE)
-    with pytest.raises(ValueError, match="at least one"):
-        render_scene([], CAMERA, SHAPE, AMBIENT)
 
 
 def shade_one(albedo, normal, view, light):

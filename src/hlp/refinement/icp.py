@@ -15,7 +15,7 @@ from hlp.arrays import Points, Pose
 from hlp.geometry import rigid, transform
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
+from hlp.refinement.refiner import REFINERS, Refiner, cost_around
 from hlp.refinement.texture_kernel import surface_and_normals
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Count, Doc, NotNegative, Positive, Settings, Share
@@ -61,7 +61,7 @@ class IcpRefiner(Refiner):
     ) -> list[Refinement]:
         """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
         refined = []
-        for pose in checked_poses(hypotheses, model):
+        for pose in hypotheses.poses_cam_obj:
             cost = cost_around(model, observation, pose, self._settings.cost)
             best, iterations = align(cost, pose, self._settings)
             refined.append(Refinement(best, iterations))

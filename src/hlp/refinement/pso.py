@@ -12,7 +12,7 @@ from hlp.arrays import Point, Pose, Poses, Values
 from hlp.kernels import ThreadTeam, compiled, threads_here
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
+from hlp.refinement.refiner import REFINERS, Refiner, cost_around
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Doc, NotNegative, Settings, SettingsError
 
@@ -114,7 +114,7 @@ class PsoRefiner(Refiner):
         (`budget_ms`) the remaining time is divided evenly among the remaining hypotheses; those
         not begun when it is used up stay as they are. Poses are then not reproducible.
         """
-        poses = checked_poses(hypotheses, model)
+        poses = hypotheses.poses_cam_obj
         # Threads refine whole hypotheses: one iteration is too short to be divided.
         at_once = min(threads_here(self._threads), len(poses))
         end = time.perf_counter() + self._remaining(spent)
@@ -150,9 +150,8 @@ class PsoRefiner(Refiner):
         self, model: ObjectModel, observation: Observation, pose_cam_obj: Pose, seed: int
     ) -> Refinement:
         """See `Refiner.follow`: one search with fewer particles in a smaller box."""
-        (pose,) = checked_poses(Hypotheses(pose_cam_obj[None], np.ones(1)), model)
         settings = replace(self._settings, **vars(self._settings.follow))
-        return _search(model, observation, pose, settings, (seed, _FOLLOW_STREAM))
+        return _search(model, observation, pose_cam_obj, settings, (seed, _FOLLOW_STREAM))
 
     def _remaining(self, spent: float) -> float:
         """Remaining seconds of the budget; infinite without a budget."""
