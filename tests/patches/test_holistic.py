@@ -120,14 +120,15 @@ def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
         RegionSettings(8, None, 0, reach, "exact"),
     )  # fmt: skip
     expected = np.zeros(shape, bool)
+    y, x = np.mgrid[: shape[0], : shape[1]]
     for (cx, cy), side in zip(centers, sides, strict=True):
-        for y in range(shape[0]):
-            for x in range(shape[1]):
-                half = scale * side / 2
-                low_x, high_x = np.rint(cx - half), np.rint(cx + half)
-                low_y, high_y = np.rint(cy - half), np.rint(cy + half)
-                if low_x <= x <= high_x and low_y <= y <= high_y:
-                    expected[y, x] = True
+        half = scale * side / 2
+        expected |= (
+            (np.rint(cx - half) <= x)
+            & (x <= np.rint(cx + half))
+            & (np.rint(cy - half) <= y)
+            & (y <= np.rint(cy + half))
+        )
     assert 0.2 < expected.mean() < 1.0
     np.testing.assert_array_equal(found.mask, expected)
 

@@ -29,9 +29,16 @@ if TYPE_CHECKING:  # they import this module to train, which takes torch
 class OneCycleModule(pl.LightningModule):
     """A network in training by AdamW; the rate rises during the first share `rise` of all steps."""
 
+    network: Any
+    """The network; its `layers` are applied one after the other."""
+
     def __init__(self, learning_rate: float, weight_decay: float, rise: float) -> None:
         super().__init__()
         self.learning_rate, self.weight_decay, self.rise = learning_rate, weight_decay, rise
+
+    def images(self, batch: Any) -> Tensor:
+        """The network's input (n, c, p, p) for a batch."""
+        raise NotImplementedError
 
     def adamw(self) -> AdamW:
         """The optimizer of all parameters, at its highest rate."""

@@ -167,8 +167,7 @@ def _seen_surface(
     count = int(np.count_nonzero(used))
     if count < _MIN_PIXELS:
         return None
-    surface, normals = np.empty((count, 3)), np.empty((count, 3))
-    surface_and_normals(rendered, used, camera, surface, normals)
+    surface, normals = surface_and_normals(rendered, used, count, camera)
     light, _ = np.linalg.qr(np.concatenate([np.ones((count, 1)), normals], axis=1))
     points = transform(inverse(pose_cam_obj), surface)
     colors = np.log(rgb[used] + np.float32(_OFFSET))
