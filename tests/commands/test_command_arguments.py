@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from hydra.errors import HydraException
 
 from hlp.cli import main
 from hlp.commands import arguments as own
@@ -87,15 +88,6 @@ def test_settings_are_read_from_their_own_keys():
         own.read_group(FrameFiles, given | {"depth_scale": "0"})
 
 
-def test_a_key_may_be_given_for_one_object():
-    given = {"symmetries.cat": "none", "colors.my.obj": "false", "colors.cat": "true"}
-    given |= {"colors": "x", "codebook.cat": "y"}
-    found = own.of_single(given, ("symmetries", "colors"), ("cat", "my.obj"))
-    assert found == {"cat": {"symmetries": "none", "colors": "true"}, "my.obj": {"colors": "false"}}
-    with pytest.raises(ValueError, match=r"colors\.dog: there is no object 'dog': cat, my"):
-        own.of_single({"colors.dog": "x"}, ("colors",), ("cat", "my"))
-
-
 @pytest.fixture
 def meshes(tmp_path: Path) -> list[str]:
     paths = [tmp_path / f"{name}.ply" for name in "ab"]
@@ -110,7 +102,7 @@ def test_each_mesh_is_learnt_with_its_own_choices(meshes):
     assert [model.name for model in models.values()] == ["a", "b"]
     assert len(models[1].symmetries) == 1 < len(models[2].symmetries)
     assert models[1].holistic_size == 0.08 != models[2].holistic_size
-    with pytest.raises(ValueError, match="there is no object 'c'"):
+    with pytest.raises(HydraException, match=r"colors\.c"):
         learning_request({"colors.c": "false"}, meshes, ())
 
 

@@ -48,8 +48,14 @@ def test_options_that_exclude_each_other_are_named(capsys: Out) -> None:
     [
         ("refinement.particels=3", "Could not override 'refinement.particels': did you mean refin"),
         ("refinment=icp", "Could not override 'refinment': did you mean refinement?"),
-        ("refinement=icpp", "Could not find 'refinement/icpp': did you mean icp? There are icp"),
-        ("hydra/launcher=core", "In 'hydra/config': Could not find 'hydra/launcher/core': did you"),
+        (
+            "refinement=icpp",
+            "Could not find 'refinement/icpp' Available options in 'refinement': ic",
+        ),
+        (
+            "hydra/launcher=core",
+            "In 'hydra/config': Could not find 'hydra/launcher/core' Available",
+        ),
         (
             "refinement=icp refinement.particles=8",
             "Could not override 'refinement.particles': the chosen refinement has no such key",
@@ -99,7 +105,7 @@ def test_a_launcher_without_its_plugin_says_what_to_install(tmp_path: Path) -> N
         ("defaults: [psso]\n", "In 'refinement/mine': Could not load 'refinement/psso'"),
         (
             "# @package _global_\ndefaults: [override /voting: joint, override /codebok: exact]\n",
-            "In 'refinement/mine': Could not override 'codebok'. No match in the defaults list: d",
+            "In 'refinement/mine': Could not override 'codebok'. No match in the defaults list",
         ),
     ],
 )

@@ -7,7 +7,7 @@ import dataclasses
 import json
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
@@ -91,24 +91,6 @@ def read_group(kind: type[T], given: Mapping[str, str], **fixed: Any) -> T:
 def field_names(*kinds: Any) -> set[str]:
     """The names of all fields of some settings classes."""
     return {field.name for kind in kinds for field in dataclasses.fields(kind)}
-
-
-def of_single(
-    given: Mapping[str, str], keys: Collection[str], names: Collection[str]
-) -> dict[str, dict[str, str]]:
-    """Arguments KEY.NAME=VALUE, by name, of those keys that may be given for single objects.
-
-    Raises InputError for a name that is none of `names`.
-    """
-    found: dict[str, dict[str, str]] = {}
-    for argument, value in given.items():
-        key, dot, name = argument.partition(".")
-        if not dot or key not in keys:
-            continue
-        if name not in names:
-            raise InputError(f"{argument}: there is no object '{name}': {', '.join(names)}")
-        found.setdefault(name, {})[key] = value
-    return found
 
 
 def plain_value(text: str) -> Any:

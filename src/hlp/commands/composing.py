@@ -1,7 +1,6 @@
 """Composing the configuration with Hydra, for the commands that take its keys and groups."""
 
 import logging
-import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -91,15 +90,14 @@ def _remove_unused(folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-_NAMED = re.compile(r"'([^']+)'")
 # Plugins of Hydra's with launchers, and the extra that installs each.
 _EXTRAS = {"joblib": "joblib", "submitit": "slurm"}
 
 
 def hydra_in_words(error: BaseException) -> str:
-    """An error of Hydra's in one line; other ones as they are."""
+    """An error of Hydra's in one line, with what may have been meant; other ones as they are."""
     text = str(error) or type(error).__name__
-    first, *more = text.splitlines()
+    first = text.partition("\n")[0]
     if isinstance(error, MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
         place = f"{mark.name}, line {mark.line + 1}" if mark is not None else "a configuration"
@@ -113,28 +111,16 @@ def hydra_in_words(error: BaseException) -> str:
             f"cannot read '{override}' ({first}): settings are given as KEY=VALUE; a value with "
             "signs such as []{}(), or spaces is quoted twice: KEY='\"VALUE\"'"
         )
-    if first.startswith("Ambiguous"):  # a list, a text or a sweep: Hydra says what to type
-        return " ".join([first, *more])
-    options = [line.strip() for line in more if line.startswith("\t") and "=" not in line]
-    return _with_hint(first.removeprefix("In 'config': ").rstrip("."), options)
-
-
-def _with_hint(said: str, options: list[str]) -> str:
-    """The message, and what may have been meant by the name that it ends with."""
+    words = " ".join(text.partition("Config search path")[0].split())
     for plugin, extra in _EXTRAS.items():
-        if f"'hydra/launcher/{plugin}" in said:
+        if f"'hydra/launcher/{plugin}" in words:
             return f"this launcher needs the extra '{extra}': pip install 'hlp[{extra}]'"
-    names = _NAMED.findall(said)
-    if options:
-        hint = nearest(names[-1].rpartition("/")[2], options) or "."
-        return f"{said}{hint} There are {', '.join(options)}"
-    if "override" not in said:
-        return said
-    key, known = names[-1], _all_keys()
+    if not first.startswith("Could not override"):
+        return words.removeprefix("In 'config': ")
+    said, key, known = first.rstrip("."), first.split("'")[1], _all_keys()
     if key in known:
         return f"{said}: the chosen {key.partition('.')[0]} has no such key"
-    hint = nearest(key, known) or ":"
-    return f"{said}{hint} `hlp run --cfg job` prints all keys"
+    return f"{said}{nearest(key, known) or ':'} `hlp run --cfg job` prints all keys"
 
 
 def _all_keys() -> list[str]:

@@ -4,7 +4,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -46,42 +46,30 @@ def check_libraries(requirements: Sequence[str] | None = None) -> list[Finding]:
     return found
 
 
-def check_threads(
-    environment: Mapping[str, str] = os.environ, cores: int | None = None
-) -> list[Finding]:
+def check_threads() -> list[Finding]:
     """Variables that make libraries spin, or use more threads than there are cores."""
-    usable = (os.cpu_count() or 1) if cores is None else cores
     found = []
-    if environment.get("OMP_WAIT_POLICY", "PASSIVE").upper() == "ACTIVE":
+    if os.environ.get("OMP_WAIT_POLICY", "PASSIVE").upper() == "ACTIVE":
         problem = "idle threads keep their cores busy, which can cost a factor of twenty"
         found.append(Finding("threads", "OMP_WAIT_POLICY=ACTIVE", problem, "Set it to PASSIVE"))
+    usable = os.cpu_count() or 1
     for key in _THREAD_KEYS:
-        text = environment.get(key, "")
+        text = os.environ.get(key, "")
         if text.isdecimal() and int(text) > usable:
             problem, advice = f"this machine has {usable} cores", f"Set it to {usable} or less"
             found.append(Finding("threads", f"{key}={text}", problem, advice))
     return found
 
 
-def check_disk(folder: Path, free: float | None = None) -> list[Finding]:
+def check_disk(folder: Path) -> list[Finding]:
     """Too little room where what is learnt is kept."""
     place = next(path for path in (folder, *folder.parents) if path.exists())
-    left = float(shutil.disk_usage(place).free) if free is None else free
+    left = shutil.disk_usage(place).free
     if left >= _LEAST_DISK:
         return []
-    needed = f"learning an object takes up to {_LEAST_DISK / 1e9:g}"
+    problem = f"{left / 1e9:.1f} GB are free; learning an object takes up to {_LEAST_DISK / 1e9:g}"
     advice = "Free some, or choose another folder with work=FOLDER"
-    return [Finding("disk", str(folder), f"{left / 1e9:.1f} GB are free; {needed}", advice)]
-
-
-def describe_machine() -> list[str]:
-    """What is there, in lines for people."""
-    optional = [name for name in ("OpenEXR", "pyrealsense2", "OpenGL") if find_spec(name)]
-    return [
-        f"{os.cpu_count()} cores, numba {version('numba')}, onnxruntime {version('onnxruntime')}, "
-        f"opencv {version('opencv-python-headless')}",
-        f"optional: {', '.join(optional) or 'nothing'}",
-    ]
+    return [Finding("disk", str(folder), problem, advice)]
 
 
 _KEPT = 6  # frames whose content is looked at
@@ -153,14 +141,6 @@ def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
     write_picture(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
 
 
-def describe(findings: list[Finding]) -> Iterator[str]:
-    """Findings as lines for people."""
-    for number, finding in enumerate(findings, 1):
-        yield f"{number}. {finding}"
-    if not findings:
-        yield "nothing wrong was found"
-
-
 _FRAMES = {"rgb", "depth", "intrinsics"}
 
 
@@ -171,7 +151,12 @@ def doctor(arguments: Sequence[str]) -> None:
     own.check_known(given, known, "doctor")
     cache = cache_folder(given.get("work"))
     findings = [*check_libraries(), *check_threads(), *check_disk(cache)]
-    print("machine   " + "\n          ".join(describe_machine()))
+    optional = [name for name in ("OpenEXR", "pyrealsense2", "OpenGL") if find_spec(name)]
+    print(
+        f"machine   {os.cpu_count()} cores, numba {version('numba')}, onnxruntime "
+        f"{version('onnxruntime')}, opencv {version('opencv-python-headless')}\n"
+        f"          optional: {', '.join(optional) or 'nothing'}"
+    )
     detector = None
     if "learnt" in given:
         folder = find_learnt(given["learnt"], cache)
@@ -188,6 +173,8 @@ def doctor(arguments: Sequence[str]) -> None:
         frames = OwnFrames(own.read_group(FrameFiles, given))
         print(f"frames    {given.get('rgb')}")
         findings += examine_own(frames, detector, own.search_masks(given))
-    print("\n".join(describe(findings)))
+    for number, finding in enumerate(findings, 1):
+        print(f"{number}. {finding}")
     if findings:
         sys.exit(1)
+    print("nothing wrong was found")

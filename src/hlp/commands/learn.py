@@ -141,8 +141,8 @@ def learning_request(
             raise MissingFileError(f"there is no mesh {path} (give a PLY, OBJ, STL or GLB file)")
     names = _object_names(given, paths)
     keys = own.field_names(MeshChoices, FolderSettings) - {"name", "proxy_faces"}
-    of_one = own.of_single(given, own.field_names(MeshChoices), names)
-    known = {*keys, *taken, *(f"{key}.{name}" for name in of_one for key in of_one[name])}
+    of_single = {f"{key}.{name}" for key in own.field_names(MeshChoices) for name in names}
+    known = {*keys, *taken, *of_single}
     rest = [f"{key}={value}" for key, value in given.items() if key not in known]
     if unused := [word for word in rest if word.startswith("hydra.")]:
         raise InputError(f"{unused[0]}: nothing is run by Hydra here, give output=FOLDER")
@@ -151,7 +151,10 @@ def learning_request(
     settings = build_settings(compose_config(*general, *rest)).method
     images = own.read_group(FolderSettings, given, name="files").training_images()
     choices = own.read_group(MeshChoices, given)
-    each = {name: own.read_group(MeshChoices, {**given, **of_one[name]}) for name in of_one}
+    each = {}
+    for name in names:
+        single = {key.removesuffix(f".{name}"): given[key] for key in given.keys() & of_single}
+        each[name] = own.read_group(MeshChoices, {**given, **single})
     models = build_models(dict(zip(names, paths, strict=True)), choices, 1, each)
     return LearningRequest(models, images, settings)
 

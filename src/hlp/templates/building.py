@@ -141,7 +141,7 @@ def _view_edges(depth: Image, camera: CameraMatrix) -> Int8[np.ndarray, "h w"]:
     """Edges of the silhouette, and where the surface turns or has a step."""
     drawn = depth > 0.0
     y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    points = back_project(np.stack([x, y], axis=-1), depth, camera)
+    points = back_project(np.stack([x, y], axis=-1).astype(float), depth, camera)
     along, down = np.zeros_like(points), np.zeros_like(points)
     along[:, 1:-1], down[1:-1] = points[:, 2:] - points[:, :-2], points[2:] - points[:-2]
     normals = np.cross(along, down)
