@@ -66,9 +66,9 @@ def recall_of(targets: Sequence[ScoredTarget], metric: str) -> float:
     return float(np.mean([target.correct(metric) for target in targets]))
 
 
-def difference_cells(found: Difference, form: str = "{:+.3f}") -> list[str]:
+def difference_cells(found: Difference) -> list[str]:
     """A difference and its interval as they stand in tables: `+0.100`, `-0.012 to +0.210`."""
-    value, low, high = map(form.format, (found[0], *found[1]))
+    value, low, high = with_ends(found)
     return [value, f"{low} to {high}"]
 
 
