@@ -21,7 +21,7 @@ from hlp.results.poses_file import read_poses, read_scores, write_poses, write_s
 from hlp.results.recalls import read_summary
 from hlp.stages.manifest import read_manifest
 from hlp.stages.store import StageStore
-from written_summary import summary
+from written_results import summary
 
 NAME = "0123456789abcdef"
 SUMMARY = summary()

@@ -21,8 +21,7 @@ from hlp.reporting.summary_tables import format_summary
 from hlp.results.poses_file import write_scores
 from hlp.results.recalls import read_summary
 from table_text import unpadded
-from written_results import scored, write_run, write_sweep
-from written_summary import summary
+from written_results import scored, summary, write_run, write_sweep
 
 
 def test_report_lists_runs_oldest_first(tmp_path: Path) -> None:

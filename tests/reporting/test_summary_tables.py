@@ -7,7 +7,7 @@ from hlp.reporting.summary_tables import (
     votes_table,
     waterfall_tables,
 )
-from written_summary import summary
+from written_results import summary
 
 
 def test_objects_table_has_the_papers_figures_beside_ours() -> None:

@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 
 from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.summary_tables import METRIC_LABELS
-from hlp.reporting.table import Table, lay_out, prose
+from hlp.reporting.table import Table, format_share, lay_out, prose
 from hlp.results.poses_file import read_scores
 from hlp.results.recalls import (
     METRICS,
@@ -65,9 +66,9 @@ def recall_of(targets: Sequence[ScoredTarget], metric: str) -> float:
     return float(np.mean([target.correct(metric) for target in targets]))
 
 
-def difference_cells(found: Difference, form: str = "{:+.3f}") -> list[str]:
+def difference_cells(found: Difference) -> list[str]:
     """A difference and its interval as they stand in tables: `+0.100`, `-0.012 to +0.210`."""
-    value, low, high = map(form.format, (found[0], *found[1]))
+    value, low, high = with_ends(found)
     return [value, f"{low} to {high}"]
 
 
@@ -117,15 +118,15 @@ def differences_table(pairs: Sequence[Pair], metric: str) -> Table:
         groups["all targets"] = [*pairs]
     rows = []
     for name, group in groups.items():
-        first = np.array([before.correct(metric) for _, before, _ in group])
-        second = np.array([after.correct(metric) for _, _, after in group])
-        blocks = blocks_of([target[:2] for target, _, _ in group])
-        ends = difference_interval(first, second, blocks, RESAMPLINGS, SEED)
-        lost, gained = int((first & ~second).sum()), int((second & ~first).sum())
-        recalls = [f"{first.mean():.3f}", f"{second.mean():.3f}"]
-        difference = difference_cells((second.mean() - first.mean(), ends))
+        first = {target: float(before.correct(metric)) for target, before, _ in group}
+        second = {target: float(after.correct(metric)) for target, _, after in group}
+        found = paired_difference(first, second)
+        assert found is not None
+        changes = [second[target] - first[target] for target in first]
+        lost, gained = changes.count(-1.0), changes.count(1.0)
+        recalls = [format_share(fmean(verdicts.values())) for verdicts in (first, second)]
         changed = [str(lost), str(gained), f"{mcnemar_exact(lost, gained):.3g}"]
-        rows.append([name, str(len(group)), *recalls, *difference, *changed])
+        rows.append([name, str(len(group)), *recalls, *difference_cells(found), *changed])
     return Table(["object", "targets", "A", "B", "B - A", "95 %", "only A", "only B", "p"], rows)
 
 

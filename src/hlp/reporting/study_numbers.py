@@ -93,16 +93,13 @@ def _read_bench(path: Path) -> list[Number]:
     result = read_bench(path)
     configured = result["paths"][CONFIGURED]
     numbers = []
-    for name, panel, kind in (("ms", "ms", "median_ms"), ("CPU", "CPU ms", "cpu_ms")):
-        for unit in ("first", "further"):
-            total = configured[unit].get(TOTAL)
-            if total is not None:  # frames of a single object have no further one
-                numbers.append(Number(f"{name} {unit}", panel, total[kind], format_ms(total[kind])))
-    peak, recall = result["memory"]["peak_mib"], configured["add_recall"]
+    for unit in ("first", "further"):
+        if configured[unit]:  # frames of a single object have no further one
+            time = configured[unit][TOTAL]["median_ms"]
+            numbers.append(Number(f"ms {unit}", "ms", time, format_ms(time)))
+    peak, load = result["memory"]["peak_mib"], result["machine"]["load"]
     numbers.append(Number("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
-    if recall is not None:
-        numbers.append(_recall(ADD, "ADD(-S) recall", recall, main=True))
-    load = result["machine"]["load"]
+    numbers.append(_recall(ADD, "ADD(-S) recall", configured["add_recall"], main=True))
     return [*numbers, Number("load", "", load, f"{load:.1f}")]
 
 
@@ -147,9 +144,9 @@ KINDS: Mapping[str, Kind] = {
     "bench": Kind(
         "bench.json",
         _read_bench,
-        "ms: median time to find the first object of a frame, and each further one; CPU: ms of all"
-        " threads. MiB: peak memory of the process, which runs of one process share with those"
-        " before them; load: of the machine in the minute before the measurement.",
+        "ms: median time to find the first object of a frame, and each further one. MiB: peak"
+        " memory of the process, which runs of one process share with those before them; load: of"
+        " the machine in the minute before the measurement.",
     ),
     "oracle": Kind(
         "oracle.json",

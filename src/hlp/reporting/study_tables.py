@@ -187,10 +187,10 @@ def format_bench(result: Result, layout: str = "text") -> str:
         ]
     if len(result["paths"]) > 1:
         parts += [
-            "Times relative to the configured path; those of stages are for a frame's first object."
+            "Median ms, and how many times the configured path's; of stages for the first object."
             " Same pose: share of those within {mm:g} mm and {deg:g} degrees of that path's."
             "".format(**result["tolerance"]),
-            comparison_table(result),
+            comparison_table(result["paths"]),
         ]
     loading, objects = result["loading_s"], [*result["loading_s"]["objects"].values()]
     parts += [
@@ -214,59 +214,44 @@ def times_table(path: Result) -> Table:
     return Table(["part", *(name for unit in units for name in (unit, "95 %", "CPU"))], rows)
 
 
-def comparison_table(result: Result) -> Table:
-    """A row a path: time relative to the configured path, recall, and agreement with that path."""
-    configured = result["paths"][CONFIGURED]
-    stages = [part for part in configured["first"] if part.startswith("stage ") or part == TOTAL]
+def comparison_table(paths: Mapping[str, Result]) -> Table:
+    """A row a path: median ms, and how many times those of the first path; recall; same poses."""
+    first = next(iter(paths.values()))
+    stages = [part for part in first["first"] if part.startswith("stage ") or part == TOTAL]
     rows = []
-    for name, path in result["paths"].items():
-        times = [_ratio(configured["first"][stage], path["first"][stage]) for stage in stages]
-        times.append(_ratio(configured["frame"][TOTAL], path["frame"][TOTAL]))
+    for name, path in paths.items():
+        times = [_ratio(first["first"][stage], path["first"][stage]) for stage in stages]
+        times.append(_ratio(first["frame"][TOTAL], path["frame"][TOTAL]))
         shares = map(format_share, (path["add_recall"], path["same_pose"]))
         rows.append([name, *times, *shares])
     return Table(["path", *stages, "frame", "ADD(-S)", "same pose"], rows)
 
 
 def compare_benches(before: Path, after: Path) -> str:
-    """Two saved results side by side: median times of each part and their ratio, after/before.
+    """Two saved results side by side: median times and their ratio, after/before.
 
     Only paths that both results have are compared. Raises DataError for a file that is no
     bench, and MissingFileError where there is none.
     """
-    first, second = read_bench(before), read_bench(after)
-    one, other = first["workload"], second["workload"]
+    saved = {"A": before, "B": after}
+    results = {name: read_bench(path) for name, path in saved.items()}
     parts = [
-        prose(f"{name}  {path}: {_machine(result['machine'])}", "text")
-        for name, path, result in (("A", before, first), ("B", after, second))
+        prose(f"{name}  {saved[name]}: {_machine(result['machine'])}", "text")
+        for name, result in results.items()
     ]
+    one, other = (result["workload"] for result in results.values())
     differing = [
-        f"{key} {one.get(key)} and {other.get(key)}"
-        for key in dict.fromkeys([*one, *other])
-        if one.get(key) != other.get(key)
+        f"{key} {one[key]} and {other.get(key)}" for key in one if one[key] != other.get(key)
     ]
     if differing:
         parts.append(prose(f"The two did not measure the same: {'; '.join(differing)}.", "text"))
-    for name in first["paths"]:
-        if name in second["paths"]:
-            table = ratio_table(first["paths"][name], second["paths"][name])
-            parts += [f"Path '{name}': median ms of A and B, and B/A.", lay_out(table, "text")]
-    peaks = [result["memory"]["peak_mib"] for result in (first, second)]
+    for name in results["A"]["paths"]:
+        if name in results["B"]["paths"]:
+            paths = {key: result["paths"][name] for key, result in results.items()}
+            table = comparison_table(paths).without("same pose")
+            parts += [f"Path '{name}', median ms:", lay_out(table, "text")]
+    peaks = [result["memory"]["peak_mib"] for result in results.values()]
     return "\n\n".join([*parts, "Peak memory: {:.0f} and {:.0f} MiB.".format(*peaks)])
-
-
-def ratio_table(first: Result, second: Result) -> Table:
-    """A row a part: both medians and their ratio, second/first, of each unit."""
-    units = [unit for unit in TIMED if first[unit] and second[unit]]
-    rows = []
-    for part in [part for part in first["first"] if part in second["first"]]:
-        row = [part]
-        for unit in units:
-            one, other = first[unit][part], second[unit][part]
-            row += [*(format_ms(times["median_ms"]) for times in (one, other)), _ratio(one, other)]
-        rows.append(row)
-    recalls = (format_share(first["add_recall"]), format_share(second["add_recall"]))
-    rows.append(["ADD(-S) recall", *recalls, *[""] * (3 * len(units) - 2)])
-    return Table(["part", *(name for unit in units for name in (unit, "B", "B/A"))], rows)
 
 
 def read_bench(path: Path) -> dict[str, Any]:
@@ -278,10 +263,10 @@ def read_bench(path: Path) -> dict[str, Any]:
     return result
 
 
-def _ratio(before: Result, after: Result) -> str:
-    """`x1.50`: takes half as long again; empty where there was nothing to divide by."""
-    first, second = before["median_ms"], after["median_ms"]
-    return f"x{second / first:.2f}" if first else ""
+def _ratio(first: Result, own: Result) -> str:
+    """`15.0 x1.50`: takes half as long again."""
+    before, after = first["median_ms"], own["median_ms"]
+    return format_ms(after) + (f" x{after / before:.2f}" if before else "")
 
 
 def _machine(machine: Result) -> str:

@@ -1,5 +1,6 @@
 """What every sweep ends with: a table, a figure, a sentence, and the same in MLflow."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -138,7 +139,7 @@ def sweep_figure(sweep: Sweep) -> "Figure | None":
         if any(bars):
             panels.insert(1, Panel(f"{name} recall minus that of the {sweep.against}", {"": bars}))
     marked = [row for row, run in enumerate(sweep.finished) if run is sweep.reference]
-    return draw_bars(rows, panels, _title(sweep), marked=marked if sweep.is_default else ())
+    return draw_bars(rows, panels, sweep.verdict, marked=marked if sweep.is_default else ())
 
 
 def _number_panels(sweep: Sweep) -> list[Panel]:
@@ -183,17 +184,8 @@ def _grid(sweep: Sweep) -> "Figure":
         axes = recalls.index, recalls.columns
         marked = tuple(axis.get_loc(value) for axis, value in zip(axes, of_default, strict=True))
     named = [*recalls.index], [*recalls.columns]
-    return draw_heat_maps(maps, *named, (across, down), _title(sweep), marked)
-
-
-def _title(sweep: Sweep) -> str:
-    if sweep.name != RUN:
-        return sweep.verdict
-    results = sweep.results
-    names = ", ".join(map(short_key, sweep.keys)) or "runs"
-    targets = {result.targets for result in results}
-    counted = f", {targets.pop()} targets" if len(targets) == 1 else ""
-    return f"{names}: {len(results)} runs of {results[0].experiment}{counted}"
+    title = textwrap.fill(sweep.verdict, 80)
+    return draw_heat_maps(maps, *named, (across, down), title, marked)
 
 
 def log_sweeps(sweeps: Sequence[Sweep], written: Sequence[Path], tracker: MlflowRun) -> None:

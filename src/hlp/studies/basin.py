@@ -1,7 +1,4 @@
-"""Basin map: from which errors of the coarse pose each refiner still reaches the true pose.
-
-`perturbed_poses` makes poses with a given error.
-"""
+"""Basin map: from which errors of the coarse pose each refiner still reaches the true pose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -164,35 +161,20 @@ def perturbation_grid(
     centroid: Float[np.ndarray, "3"],
     seed: int,
 ) -> Float[np.ndarray, "degrees millimetres perturbations 4 4"]:
-    """`perturbations` poses for each pair of the errors in `rotation_deg` and `translation_mm`."""
-    shape = (len(task.rotation_deg), len(task.translation_mm), task.perturbations)
-    degrees = np.broadcast_to(np.array(task.rotation_deg)[:, None, None], shape)
-    millimetres = np.broadcast_to(np.array(task.translation_mm)[:, None], shape)
-    rng = np.random.default_rng(seed)
-    perturbations = perturbed_poses(
-        pose_cam_obj, centroid, degrees.ravel(), millimetres.ravel(), rng
-    )
-    return perturbations.reshape(*shape, 4, 4)
+    """`perturbations` poses for each pair of the errors in `rotation_deg` and `translation_mm`.
 
-
-def perturbed_poses(
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    centroid: Float[np.ndarray, "3"],
-    degrees: Float[np.ndarray, "n"],
-    millimetres: Float[np.ndarray, "n"],
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "n 4 4"]:
-    """Poses rotated about the object's centroid by `degrees` and shifted by `millimetres`.
-
-    Each has its own axis and direction, drawn uniformly on the sphere; the sizes are exact.
-    `centroid` is in object coordinates (m).
+    They are rotated about the object's centroid (m, in object coordinates) and shifted. Each has
+    its own axis and direction, drawn uniformly on the sphere; the sizes are exact.
     """
-    axes, directions = _on_sphere(len(degrees), rng), _on_sphere(len(degrees), rng)
-    turns = Rotation.from_rotvec(axes * np.deg2rad(degrees)[:, None]).as_matrix()
+    sizes = task.rotation_deg, task.translation_mm, range(task.perturbations)
+    degrees, millimetres, _ = np.meshgrid(*map(np.array, sizes), indexing="ij")
+    rng = np.random.default_rng(seed)
+    axes, directions = _on_sphere(degrees.size, rng), _on_sphere(degrees.size, rng)
+    turns = Rotation.from_rotvec(axes * np.deg2rad(degrees).reshape(-1, 1)).as_matrix()
     rotations = turns @ pose_cam_obj[:3, :3]
     middle = pose_cam_obj[:3, :3] @ centroid + pose_cam_obj[:3, 3]
-    shifted = middle + directions * np.asarray(millimetres)[:, None] / 1e3
-    return rigid(rotations, shifted - rotations @ centroid)
+    shifted = middle + directions * millimetres.reshape(-1, 1) / 1e3
+    return rigid(rotations, shifted - rotations @ centroid).reshape(*degrees.shape, 4, 4)
 
 
 def _on_sphere(count: int, rng: np.random.Generator) -> Float[np.ndarray, "n 3"]:

@@ -45,23 +45,21 @@ class PartClock:
 
     def __init__(self) -> None:
         self._part: str | None = None
-        self._begun = (0.0, 0.0)
-        self._sums: dict[str, list[float]] = {}
+        self._begun = np.zeros(2)
+        self._sums: dict[str, np.ndarray] = {}
 
     def enter(self, part: str | None) -> None:
         """Count time for this part from now on; None: for no part."""
-        wall, cpu = time.perf_counter(), time.process_time()
+        now = np.array([time.perf_counter(), time.process_time()])
         if self._part is not None:
-            sums = self._sums.setdefault(self._part, [0.0, 0.0])
-            sums[0] += wall - self._begun[0]
-            sums[1] += cpu - self._begun[1]
-        self._part, self._begun = part, (wall, cpu)
+            self._sums[self._part] = self._sums.get(self._part, 0.0) + (now - self._begun)
+        self._part, self._begun = part, now
 
     def stop(self) -> dict[str, Spent]:
         """Time of each part since the last stop; parts that were never entered are absent."""
         self.enter(None)
         sums, self._sums = self._sums, {}
-        return {part: Spent(*both) for part, both in sums.items()}
+        return {part: Spent(*both.tolist()) for part, both in sums.items()}
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ from hlp.reporting.report import report_runs
 from hlp.reporting.summary_tables import ADD_BY_OBJECT
 from hlp.reporting.sweeps import read_sweeps
 from table_text import csv_rows
-from written_results import scored, write_run, write_sweep
-from written_summary import summary
+from written_results import scored, summary, write_run, write_sweep
 
 
 def sweep(folder: Path, swept: list[str], runs: list[tuple[list[str], float, float]]) -> Path:

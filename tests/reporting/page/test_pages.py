@@ -19,8 +19,7 @@ from hlp.reporting.page.pages import study_folders, write_run_page, write_study_
 from hlp.reporting.page.report_data import ReportDataWriter
 from hlp.reporting.report import report_runs, write_pages
 from hlp.results.poses_file import write_scores
-from written_results import write_run
-from written_summary import summary
+from written_results import summary, write_run
 
 
 def target(frame: int, right: bool, found: bool = True, **changes: Any) -> TargetScore:
