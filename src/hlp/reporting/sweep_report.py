@@ -1,6 +1,5 @@
 """What every sweep ends with: a table, a figure, a sentence, and the same in MLflow."""
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,6 @@ from hlp.reporting.figures.bars import (
     Panel,
     draw_bars,
     gain_bar,
-    loads_in_words,
     run_panels,
 )
 from hlp.reporting.figures.charts import draw_trade_off
@@ -223,17 +221,14 @@ def _grid(sweep: Sweep) -> "Figure":
     """Recall left and time right, a cell for each pair of values."""
     pairs = [tuple(run.values[key] for key in sweep.keys) for run in sweep.finished]
     across, down = (list(dict.fromkeys(pair[place] for pair in pairs)) for place in (0, 1))
-    recalls, times, loads = (np.full((len(down), len(across)), np.nan) for _ in range(3))
+    recalls, times = (np.full((len(down), len(across)), np.nan) for _ in range(2))
     for (x, y), result in zip(pairs, sweep.results, strict=True):
         place = down.index(y), across.index(x)
         recalls[place], times[place] = result.add["recall"], result.total_ms["median"]
-        loads[place] = result.summary.get("timing", {}).get("load", math.nan)
     maps = [
         HeatMap("ADD(-S) recall", recalls),
         HeatMap("ms, median", times, "{:.0f}".format, "viridis_r"),
     ]
-    if any(loads_in_words([result.summary for result in sweep.results])):
-        maps.append(HeatMap("load of the machine", loads, "{:.1f}".format, "viridis_r"))
     default = sweep.reference if sweep.is_default else None
     values = None if default is None else [default.values[key] for key in sweep.keys]
     marked = None if values is None else (down.index(values[1]), across.index(values[0]))

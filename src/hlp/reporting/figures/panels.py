@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import CameraMatrix, Mask, Pose, Positions, Rgb
+from hlp.arrays import CameraMatrix, Image, Mask, Pose, Positions, Rgb
 from hlp.files import replaced
 from hlp.geometry import project, transform
 from hlp.records import Frame, ObjectModel, Votes
@@ -58,18 +58,15 @@ def weight_by_cell(
 
     The last cells may reach beyond the image. Votes outside it or behind the camera do not count.
     """
-    rows, columns = (-(-size // VOTE_CELL) for size in shape)
     ahead = votes.centroids_cam[:, 2] > 0
-    points, weights = votes.centroids_cam[ahead], votes.weights[ahead]
+    x, y = project(votes.centroids_cam[ahead], camera_matrix).T
     # A pixel's centre has integer coordinates, so pixel 0 begins at -0.5.
-    cells = np.floor((project(points, camera_matrix) + 0.5) / VOTE_CELL)
-    inside = ((cells >= 0) & (cells < (columns, rows))).all(axis=1)
-    x, y = cells[inside].astype(int).T
-    sums = np.bincount(y * columns + x, weights[inside], minlength=rows * columns)
-    return sums.reshape(rows, columns)
+    edges = [np.arange(-(-size // VOTE_CELL) + 1) * VOTE_CELL - 0.5 for size in shape]
+    sums, *_ = np.histogram2d(y, x, edges, weights=votes.weights[ahead])
+    return np.asarray(sums)
 
 
-def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose | None) -> Rgb:
+def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose) -> Rgb:
     """Cells coloured by the weight of their votes, dark for little; a ring marks the truth."""
     height, width = frame.depth.shape
 
@@ -82,24 +79,23 @@ def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose |
     grey = _grey(frame.rgb, 0.5)
     mixed = (3 * enlarged(colors).astype(np.uint16) + grey) // 4
     picture = np.where(enlarged(sums > 0)[..., None], mixed, grey).astype(np.uint8)
-    if true_pose is not None:
-        center = project(transform(true_pose, model.centroid[None]), frame.camera_matrix)
-        (x, y), *_ = np.rint(center).astype(int).tolist()
-        cv2.circle(picture, (x, y), 12, TRUTH_COLOR, 1, cv2.LINE_AA)
+    center = project(transform(true_pose, model.centroid[None]), frame.camera_matrix)
+    (x, y), *_ = np.rint(center).astype(int).tolist()
+    cv2.circle(picture, (x, y), 12, TRUTH_COLOR, 1, cv2.LINE_AA)
     return picture
 
 
-def draw_poses(frame: Frame, model: ObjectModel, pose: Pose | None, true_pose: Pose | None) -> Rgb:
+def draw_poses(frame: Frame, model: ObjectModel, pose: Pose | None, true_pose: Pose) -> Rgb:
     """Shaded model, outline and axes over the grey picture; the true pose as an outline only."""
-    picture = _grey(frame.rgb, 0.8)
-    camera, shape = frame.camera_matrix, frame.depth.shape
-    size = (shape[0], shape[1])
-    if pose is not None:
-        picture = _shade(picture, model, pose, camera, ESTIMATE_COLOR)
-    if true_pose is not None:
-        true_depth = render_depth(model.proxy, true_pose[None], camera, size)[0]
-        picture = outline(picture, true_depth > 0, TRUTH_COLOR)
-    return picture if pose is None else _draw_axes(picture, model, pose, camera)
+    picture = draw_detections(frame, [] if pose is None else [(model, pose)])
+    return outline(picture, rendered_depth(frame, model, true_pose) > 0, TRUTH_COLOR)
+
+
+def rendered_depth(frame: Frame, model: ObjectModel, pose: Pose) -> Image:
+    """Depth of an object alone, as the frame's camera sees it (m, 0 where it is not)."""
+    height, width = frame.depth.shape
+    depth = render_depth(model.proxy, pose[None], frame.camera_matrix, (height, width))
+    return np.asarray(depth[0])
 
 
 def draw_detections(frame: Frame, poses: Sequence[tuple[ObjectModel, Pose]]) -> Rgb:
@@ -112,20 +108,13 @@ def draw_models(
     picture: Rgb, poses: Sequence[tuple[ObjectModel, Pose, Color]], camera_matrix: CameraMatrix
 ) -> Rgb:
     """Shaded models over a picture, far ones first, with their axes and outlines in colours."""
-    for model, pose, color in sorted(poses, key=lambda posed: -float(posed[1][2, 3])):
-        picture = _shade(picture, model, pose, camera_matrix, color)
-        picture = _draw_axes(picture, model, pose, camera_matrix)
-    return picture
-
-
-def _shade(
-    picture: Rgb, model: ObjectModel, pose: Pose, camera_matrix: CameraMatrix, color: Color
-) -> Rgb:
     size = (picture.shape[0], picture.shape[1])
-    shaded, depth = render_rgbd(model.mesh, pose, camera_matrix, size, FRONTAL_LIGHT)
-    mixed = (3 * shaded.astype(np.uint16) + picture) // 4
-    picture = np.where(depth[..., None] > 0, mixed, picture).astype(np.uint8)
-    return outline(picture, depth > 0, color)
+    for model, pose, color in sorted(poses, key=lambda posed: -float(posed[1][2, 3])):
+        shaded, depth = render_rgbd(model.mesh, pose, camera_matrix, size, FRONTAL_LIGHT)
+        mixed = (3 * shaded.astype(np.uint16) + picture) // 4
+        picture = np.where(depth[..., None] > 0, mixed, picture).astype(np.uint8)
+        picture = _draw_axes(outline(picture, depth > 0, color), model, pose, camera_matrix)
+    return picture
 
 
 def _draw_axes(picture: Rgb, model: ObjectModel, pose: Pose, camera_matrix: CameraMatrix) -> Rgb:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from hlp.arrays import CameraMatrix, Image, Pose, Rgb
+from hlp.arrays import Image, Pose, Rgb
 from hlp.geometry import project, transform
 from hlp.records import (
     MILLIMETRES_PER_METRE,
@@ -19,7 +19,6 @@ from hlp.records import (
     TargetScore,
     Votes,
 )
-from hlp.rendering.rasterizer import render_depth
 from hlp.reporting.figures import size_of, titled, with_legend, with_scale, write_words
 from hlp.reporting.figures.panels import (
     ESTIMATE_COLOR,
@@ -34,6 +33,7 @@ from hlp.reporting.figures.panels import (
     draw_region,
     draw_votes,
     outline,
+    rendered_depth,
     weight_by_cell,
 )
 
@@ -52,18 +52,17 @@ _NARROWEST = 32.0  # px of a frame that are enlarged
 class SeenTarget:
     """What the stages have found of an object in a frame.
 
-    `coarse` is the coarse pose from which the estimate was refined. `truth` and `score` are None
-    where nothing is known of the truth.
+    `coarse` is the coarse pose from which the estimate was refined.
     """
 
     frame: Frame
     model: ObjectModel
     region: Region
     votes: Votes
-    coarse: Pose | None = None
-    estimate: PoseEstimate | None = None
-    truth: Target | None = None
-    score: TargetScore | None = None
+    coarse: Pose | None
+    estimate: PoseEstimate | None
+    truth: Target
+    score: TargetScore
 
     @property
     def pose(self) -> Pose | None:
@@ -71,27 +70,28 @@ class SeenTarget:
         return None if self.estimate is None else self.estimate.pose_cam_obj
 
     @property
-    def true_pose(self) -> Pose | None:
-        """The true pose."""
-        return None if self.truth is None else self.truth.pose_cam_obj
+    def verdict(self) -> str:
+        """The verdict on the pose in words, with the cause of a miss."""
+        score = self.score
+        words = "right" if score.add_correct else "wrong" if score.found else "not found"
+        return f"{words}, {score.cause.replace('_', ' ')}" if score.cause else words
 
 
 def draw_panels(seen: SeenTarget) -> Rgb:
     """One RGB picture of six panels below a line with the verdict, each with a legend.
 
     Accepted are the local patches that voted. The estimated pose is drawn shaded and with its axes,
-    the true pose as an outline in another colour; either may be absent.
+    the true pose as an outline in another colour.
     """
     frame, region, votes = seen.frame, seen.region, seen.votes
     accepted = np.unique(votes.pixels, axis=0)
-    pose, true = seen.pose, seen.true_pose
+    pose, true = seen.pose, seen.truth.pose_cam_obj
     size = (frame.depth.shape[0], frame.depth.shape[1])
     most = weight_by_cell(votes, frame.camera_matrix, size).max()
     region_picture = with_legend(draw_region(frame.rgb, region.mask), [("region", REGION_COLOR)])
     patches = with_legend(draw_patches(frame.rgb, accepted), [("patch that voted", PATCH_COLOR)])
     cells = draw_votes(frame, votes, seen.model, true)
-    ring = "" if true is None else "; ring: truth"
-    scale = f"{most:.2g}: weight of a cell's votes{ring}"
+    scale = f"{most:.2g}: weight of a cell's votes; ring: truth"
     poses = [("estimate", ESTIMATE_COLOR), ("truth", TRUTH_COLOR)]
     panels = [
         titled(region_picture, f"1 candidate region, of {len(region.centers)} windows"),
@@ -109,13 +109,7 @@ def draw_panels(seen: SeenTarget) -> Rgb:
 
 def describe_target(seen: SeenTarget) -> str:
     """One line (ASCII): frame, object, verdict with its cause, errors and score."""
-    words = f"{seen.frame.key}  {seen.model.name}: "
-    score, estimate = seen.score, seen.estimate
-    if score is None:
-        found = estimate is not None and estimate.pose_cam_obj is not None
-        return words + (f"score {estimate.score:.2f}" if estimate and found else "no pose")
-    cause = f", {score.cause.replace('_', ' ')}" if score.cause else ""
-    words += "right" if score.add_correct else f"wrong{cause}" if score.found else f"missed{cause}"
+    words, score = f"{seen.frame.key}  {seen.model.name}: {seen.verdict}", seen.score
     if score.found:
         limit = MILLIMETRES_PER_METRE * 0.1 * seen.model.diameter
         words += (
@@ -129,26 +123,24 @@ def describe_target(seen: SeenTarget) -> str:
 
 def _close_ups(seen: SeenTarget) -> list[Rgb]:
     """The coarse against the fine pose, and rendered against observed depth."""
-    frame, model, pose = seen.frame, seen.model, seen.pose
-    named = [
+    frame, model, pose, true = seen.frame, seen.model, seen.pose, seen.truth.pose_cam_obj
+    near = enlarge(frame, model, [true] if pose is None else [true, pose])
+    outlines, legend = near.rgb.copy(), []
+    for name, known, color in (
         ("coarse", seen.coarse, COARSE_COLOR),
-        ("truth", seen.true_pose, TRUTH_COLOR),
+        ("truth", true, TRUTH_COLOR),
         ("fine", pose, ESTIMATE_COLOR),
+    ):
+        if known is not None:
+            outline(outlines, rendered_depth(near, model, known) > 0, color)
+            legend.append((name, color))
+    rendered = np.zeros_like(near.depth) if pose is None else rendered_depth(near, model, pose)
+    signs = [(f"model {LIMIT_MM:.0f} mm in front", _BEFORE), ("behind", _BEHIND)]
+    depths = with_legend(color_differences(rendered, near.depth), signs)
+    return [
+        titled(with_legend(outlines, legend), "5 closer"),
+        titled(depths, "6 rendered minus observed depth"),
     ]
-    drawn = [(name, known, color) for name, known, color in named if known is not None]
-    poses = {name: known for name, known, _ in drawn}
-    exact = [poses[name] for name in ("truth", "fine") if name in poses]
-    near = enlarge(frame, model, exact or list(poses.values()))
-    outlines = draw_outlines(near, model, [(known, color) for _, known, color in drawn])
-    zoom = with_legend(outlines, [(name, color) for name, _, color in drawn])
-    if pose is None:
-        depths, words = np.full_like(frame.rgb, _NOTHING), "6 depths: no pose"
-    else:
-        size = frame.rgb.shape[1::-1]
-        depths = cv2.resize(draw_depths(near, model, pose, seen.coarse), size).astype(np.uint8)
-        words = "6 depth: observed, rendered; difference: fine, coarse"
-    legend = [(f"model {LIMIT_MM:.0f} mm in front", _BEFORE), ("behind", _BEHIND)]
-    return [titled(zoom, "5 closer"), titled(with_legend(depths, legend), words)]
 
 
 def enlarge(frame: Frame, model: ObjectModel, poses: Sequence[Pose]) -> Frame:
@@ -175,38 +167,6 @@ def enlarge(frame: Frame, model: ObjectModel, poses: Sequence[Pose]) -> Frame:
     return replace(frame, rgb=rgb.astype(np.uint8), depth=depth, camera_matrix=camera)
 
 
-def draw_outlines(
-    frame: Frame, model: ObjectModel, poses: Sequence[tuple[Pose, tuple[int, int, int]]]
-) -> Rgb:
-    """The frame in colour with the object's outline in each pose, in the colour given with it."""
-    picture = frame.rgb.copy()
-    for pose, color in poses:
-        picture = outline(picture, _rendered(frame, model, pose) > 0, color)
-    return picture
-
-
-def draw_depths(frame: Frame, model: ObjectModel, pose: Pose, coarse: Pose | None) -> Rgb:
-    """Four tiles: observed and rendered depth; their difference, and that of the coarse pose.
-
-    Where the model hides what is seen the difference is blue, where it lies behind it red, both
-    fully from `LIMIT_MM` on. The coarse pose's tile is empty without one.
-    """
-    rendered = _rendered(frame, model, pose)
-    shown = rendered[rendered > 0]
-    middle = float(np.median(shown if len(shown) else frame.depth))
-    ends = (middle - 0.75 * model.diameter, middle + 0.75 * model.diameter)
-    before = np.zeros_like(rendered) if coarse is None else _rendered(frame, model, coarse)
-    tiles = [
-        _shades(frame.depth, *ends),
-        _shades(rendered, *ends),
-        color_differences(rendered, frame.depth),
-        color_differences(before, frame.depth),
-    ]
-    height, width = frame.depth.shape
-    small = [cv2.resize(tile, (width // 2, height // 2)).astype(np.uint8) for tile in tiles]
-    return np.vstack([np.hstack(small[:2]), np.hstack(small[2:])])
-
-
 def color_differences(rendered: Image, observed: Image) -> Rgb:
     """Rendered minus observed depth (m) as colours; dark grey where one of them is missing."""
     share = np.clip(MILLIMETRES_PER_METRE * (rendered - observed) / LIMIT_MM, -1.0, 1.0)[..., None]
@@ -214,20 +174,6 @@ def color_differences(rendered: Image, observed: Image) -> Rgb:
     colors = np.rint(np.array(_SAME) + np.abs(share) * (far - np.array(_SAME)))
     known = ((rendered > 0) & (observed > 0))[..., None]
     return np.where(known, colors, _NOTHING).astype(np.uint8)
-
-
-def _rendered(frame: Frame, model: ObjectModel, pose: Pose) -> Image:
-    height, width = frame.depth.shape
-    depth = render_depth(model.proxy, pose[None], frame.camera_matrix, (height, width))
-    return np.asarray(depth[0])
-
-
-def _shades(depth: Image, near: float, far: float) -> Rgb:
-    """Depth as colours from near (light) to far; dark grey where it is missing."""
-    share = np.clip((far - depth) / max(far - near, 1e-9), 0.0, 1.0)
-    scaled = np.rint(255 * share).astype(np.uint8)
-    colors = cv2.cvtColor(cv2.applyColorMap(scaled, cv2.COLORMAP_CIVIDIS), cv2.COLOR_BGR2RGB)
-    return np.where(depth[..., None] > 0, colors, _NOTHING).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -245,23 +191,12 @@ def draw_overview(frame: Frame, poses: Sequence[ShownPose], title: str) -> Rgb:
     colors = {True: RIGHT_COLOR, False: WRONG_COLOR}
     colored = [(shown.model, shown.pose_cam_obj, colors[shown.right]) for shown in poses]
     picture = draw_models(frame.rgb.copy(), colored, frame.camera_matrix)
-    for shown in sorted(poses, key=lambda shown: -float(shown.pose_cam_obj[2, 3])):
-        _write(picture, shown, frame.camera_matrix)
+    for shown in poses:
+        center = transform(shown.pose_cam_obj, shown.model.centroid[None])
+        inside = np.clip(project(center, frame.camera_matrix)[0], 0, picture.shape[1::-1])
+        x, y = np.rint(inside).astype(int).tolist()
+        place = (x - size_of(shown.words)[0] // 2, y + 18)
+        for color, thickness in (((20, 20, 20), 3), ((255, 255, 255), 1)):
+            write_words(picture, shown.words, place, color=color, thickness=thickness)
     legend = [("right by ADD(-S)", RIGHT_COLOR), ("wrong", WRONG_COLOR)]
     return titled(with_legend(picture, legend), title)
-
-
-def _write(picture: Rgb, shown: ShownPose, camera: CameraMatrix) -> None:
-    """The words below the object's centroid, light on dark, kept inside the picture."""
-    center = transform(shown.pose_cam_obj, shown.model.centroid[None])
-    if center[0, 2] <= 0:
-        return
-    x, y = np.clip(np.rint(project(center, camera)[0]), -1e4, 1e4).astype(int)
-    long, high = size_of(shown.words)
-    height, width = picture.shape[:2]
-    place = (
-        int(np.clip(x - long // 2, 2, max(width - long - 2, 2))),
-        int(np.clip(y + 18, high + 2, height - 26)),
-    )
-    for color, thickness in (((20, 20, 20), 3), ((255, 255, 255), 1)):
-        write_words(picture, shown.words, place, color=color, thickness=thickness)

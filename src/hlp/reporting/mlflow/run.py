@@ -110,7 +110,7 @@ class MlflowRun:
 
         Returns what to say in the run's description: a link to that run; empty if this is the one.
         """
-        if self.place is None or not rows:
+        if not rows:
             return ""
         tag = f"trained.{stage}"
         found = self.send(lambda client, _: _run_with(client, tag, fingerprint))
@@ -128,22 +128,17 @@ class MlflowRun:
         return f"{stage} trained by [{found.run_name}]({page})"
 
     def log_params(self, params: Mapping[str, Any]) -> None:
-        """Log parameters; nested ones are flattened, long values are cut at MLflow's limit."""
-        flat = flatten(params).items()
-        self.log_entities("params", ((metric_name(k), str(v)[:_LONGEST_VALUE]) for k, v in flat))
+        """Log parameters; long values are cut at MLflow's limit."""
+        cut = ((metric_name(name), str(value)[:_LONGEST_VALUE]) for name, value in params.items())
+        self.log_entities("params", cut)
 
     def set_tags(self, tags: Mapping[str, str]) -> None:
         """Set tags; long values are cut at MLflow's limit."""
         self.log_entities("tags", ((metric_name(k), v[:_LONGEST_TAG]) for k, v in tags.items()))
 
     def describe(self, markdown: str) -> None:
-        """Set the run's description, after its first paragraph a link to the page's better view.
-
-        A click in the list of runs opens the page with MLflow's menu for language models.
-        """
-        first, *rest = markdown.split("\n\n", 1)
-        view = f"[This page with the menu of model training]({self.page_path[1:]})"
-        self.set_tags({NOTE: "\n\n".join([first, view, *rest])})
+        """Set the run's description."""
+        self.set_tags({NOTE: markdown})
 
     def log_input(self, name: str, digest: str, source: str, context: str) -> None:
         """Log a data set that the run reads, with a `digest` of its content and its purpose."""
