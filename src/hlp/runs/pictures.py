@@ -15,7 +15,6 @@ from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hlp.arrays import Rgb
 from hlp.config.build import Run, sampled_keys
 from hlp.progress import Progress
 from hlp.records import PoseEstimate, TargetScore, frame_key
@@ -28,7 +27,7 @@ from hlp.reporting.figures.stage_figures import (
     view_sheet,
     viewpoint_figure,
 )
-from hlp.reporting.figures.target_panels import SeenTarget, ShownPose, draw_overview, draw_panels
+from hlp.reporting.figures.target_panels import SeenTarget, draw_overview, draw_panels
 from hlp.reporting.page.report_data import (
     CAPTIONS,
     FOLDER,
@@ -140,23 +139,10 @@ class _Pictures:
         for key, place in Progress(self._drawn, "pictures", unit="frame"):
             with _logged(f"a picture in {folder}"):
                 folder.mkdir(parents=True, exist_ok=True)
-                write_picture(folder / f"{key}_poses.jpg", self._overview(key))
-                _, seen = self._seen(key, place)
-                write_picture(folder / f"{key}_{seen.model.name}.jpg", draw_panels(seen))
-
-    def _overview(self, key: str) -> Rgb:
-        found, scores, poses = self._read(key), self._scored[key], []
-        for target, score in zip(found.targets, scores, strict=True):
-            estimate = found.nearest(target)
-            if estimate is not None and estimate.pose_cam_obj is not None:
-                model = self._detection.dataset.models[target.object_id]
-                words = f"{model.name} {estimate.score:.2f}"
-                poses.append(ShownPose(model, estimate.pose_cam_obj, words, score.add_correct))
-        right = sum(score.add_correct for score in scores)
-        missing = len(scores) - len(poses)
-        title = f"{key}: {right} of {len(scores)} targets right"
-        title += f", {missing} without an answer" if missing else ""
-        return draw_overview(found.frame, poses, title)
+                targets = [self._seen(key, i)[1] for i in range(len(self._scored[key]))]
+                write_picture(folder / f"{key}_poses.jpg", draw_overview(targets[0].frame, targets))
+                name = targets[place].model.name
+                write_picture(folder / f"{key}_{name}.jpg", draw_panels(targets[place]))
 
     def draw_stages(self) -> None:
         """What each stage works with, in place of what was there."""

@@ -14,7 +14,6 @@ from hlp.reporting.figures.target_panels import (
     RIGHT_COLOR,
     WRONG_COLOR,
     SeenTarget,
-    ShownPose,
     color_differences,
     describe_target,
     draw_overview,
@@ -106,12 +105,18 @@ def test_differences_are_blue_before_and_red_behind_and_white_between() -> None:
     assert colors[3].max() < 60
 
 
-def test_right_and_wrong_poses_are_outlined_in_their_colours(shot: Frame, box: ObjectModel) -> None:
-    poses = [
-        ShownPose(box, at(-0.2, 0.0, 0.8), "box 0.10", False),
-        ShownPose(box, at(0.2, 0.0, 0.8), "box 0.90", True),
+def test_right_and_wrong_poses_are_outlined_in_their_colours(seen: SeenTarget) -> None:
+    assert seen.estimate is not None
+    targets = [
+        replace(
+            seen,
+            estimate=replace(seen.estimate, pose_cam_obj=at(x, 0.0, 0.8)),
+            score=replace(seen.score, add_correct=right),
+        )
+        for x, right in ((-0.2, False), (0.2, True))
     ]
-    picture = draw_overview(shot, poses, "1 of 2 targets right")
+    lost = replace(seen, estimate=None, score=replace(seen.score, add_correct=False))
+    picture = draw_overview(seen.frame, [*targets, lost])
     assert picture.shape[1] == SHAPE[1]
     frame = picture[-SHAPE[0] - 20 : -20]
     left, right = frame[:, :160], frame[:, 160:]

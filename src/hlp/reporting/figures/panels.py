@@ -23,7 +23,7 @@ REGION_COLOR = (0, 200, 150)
 PATCH_COLOR = (240, 228, 66)
 ESTIMATE_COLOR = (86, 180, 233)
 TRUTH_COLOR = (255, 165, 0)
-VOTE_COLORS = cv2.COLORMAP_INFERNO
+BRIGHTEST_VOTES = (252, 255, 164)  # of OpenCV's map `inferno`
 AXIS_COLORS = ((240, 60, 60), (70, 220, 70), (80, 130, 255))
 _SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
 
@@ -75,7 +75,7 @@ def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose) 
 
     sums = weight_by_cell(votes, frame.camera_matrix, (height, width))
     scaled = np.rint(sums * (255.0 / max(sums.max(), 1e-9))).astype(np.uint8)
-    colors = cv2.cvtColor(cv2.applyColorMap(scaled, VOTE_COLORS), cv2.COLOR_BGR2RGB)
+    colors = cv2.cvtColor(cv2.applyColorMap(scaled, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB)
     grey = _grey(frame.rgb, 0.5)
     mixed = (3 * enlarged(colors).astype(np.uint16) + grey) // 4
     picture = np.where(enlarged(sums > 0)[..., None], mixed, grey).astype(np.uint8)

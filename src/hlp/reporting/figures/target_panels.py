@@ -19,14 +19,14 @@ from hlp.records import (
     TargetScore,
     Votes,
 )
-from hlp.reporting.figures import size_of, titled, with_legend, with_scale, write_words
+from hlp.reporting.figures import size_of, titled, with_legend, write_words
 from hlp.reporting.figures.panels import (
+    BRIGHTEST_VOTES,
     ESTIMATE_COLOR,
     PATCH_COLOR,
     REGION_COLOR,
     TRUTH_COLOR,
     VOTE_CELL,
-    VOTE_COLORS,
     draw_models,
     draw_patches,
     draw_poses,
@@ -91,13 +91,13 @@ def draw_panels(seen: SeenTarget) -> Rgb:
     region_picture = with_legend(draw_region(frame.rgb, region.mask), [("region", REGION_COLOR)])
     patches = with_legend(draw_patches(frame.rgb, accepted), [("patch that voted", PATCH_COLOR)])
     cells = draw_votes(frame, votes, seen.model, true)
-    scale = f"{most:.2g}: weight of a cell's votes; ring: truth"
+    bright = [(f"{most:.2g}: weight of a cell's votes", BRIGHTEST_VOTES), ("truth", TRUTH_COLOR)]
     poses = [("estimate", ESTIMATE_COLOR), ("truth", TRUTH_COLOR)]
     panels = [
         titled(region_picture, f"1 candidate region, of {len(region.centers)} windows"),
         titled(patches, f"2 local patches: {len(accepted)} accepted"),
         titled(
-            with_scale(cells, VOTE_COLORS, scale),
+            with_legend(cells, bright),
             f"3 {len(votes)} votes for the centroid, in {VOTE_CELL}x{VOTE_CELL} px cells",
         ),
         titled(with_legend(draw_poses(frame, seen.model, pose, true), poses), "4 pose"),
@@ -176,27 +176,24 @@ def color_differences(rendered: Image, observed: Image) -> Rgb:
     return np.where(known, colors, _NOTHING).astype(np.uint8)
 
 
-@dataclass(frozen=True)
-class ShownPose:
-    """A pose of an object in a frame, what is written beside it, and whether it is right."""
-
-    model: ObjectModel
-    pose_cam_obj: Pose
-    words: str
-    right: bool
-
-
-def draw_overview(frame: Frame, poses: Sequence[ShownPose], title: str) -> Rgb:
-    """The frame in colour with all poses, far ones first: shaded models, outlines, axes, names."""
+def draw_overview(frame: Frame, targets: Sequence[SeenTarget]) -> Rgb:
+    """The frame in colour with all poses: shaded models, outlines, axes, names with scores."""
+    right = sum(seen.score.add_correct for seen in targets)
+    missing = sum(seen.pose is None for seen in targets)
+    title = f"{frame.key}: {right} of {len(targets)} targets right"
+    title += f", {missing} without an answer" if missing else ""
     colors = {True: RIGHT_COLOR, False: WRONG_COLOR}
-    colored = [(shown.model, shown.pose_cam_obj, colors[shown.right]) for shown in poses]
-    picture = draw_models(frame.rgb.copy(), colored, frame.camera_matrix)
-    for shown in poses:
-        center = transform(shown.pose_cam_obj, shown.model.centroid[None])
+    posed = [(s.model, s.pose, colors[s.score.add_correct]) for s in targets if s.pose is not None]
+    picture = draw_models(frame.rgb.copy(), posed, frame.camera_matrix)
+    for seen in targets:
+        if seen.pose is None or seen.estimate is None:
+            continue
+        center = transform(seen.pose, seen.model.centroid[None])
         inside = np.clip(project(center, frame.camera_matrix)[0], 0, picture.shape[1::-1])
         x, y = np.rint(inside).astype(int).tolist()
-        place = (x - size_of(shown.words)[0] // 2, y + 18)
+        words = f"{seen.model.name} {seen.estimate.score:.2f}"
+        place = (x - size_of(words)[0] // 2, y + 18)
         for color, thickness in (((20, 20, 20), 3), ((255, 255, 255), 1)):
-            write_words(picture, shown.words, place, color=color, thickness=thickness)
+            write_words(picture, words, place, color=color, thickness=thickness)
     legend = [("right by ADD(-S)", RIGHT_COLOR), ("wrong", WRONG_COLOR)]
     return titled(with_legend(picture, legend), title)
