@@ -19,7 +19,7 @@ from hlp.config.build import Run, sampled_keys
 from hlp.progress import Progress
 from hlp.records import PoseEstimate, TargetScore, frame_key
 from hlp.reporting.figures import save_jpeg
-from hlp.reporting.figures.panels import write_picture
+from hlp.reporting.figures.panels import SeenTarget, draw_overview, draw_panels, write_picture
 from hlp.reporting.figures.stage_figures import (
     entries_sheet,
     swarm_figure,
@@ -27,7 +27,6 @@ from hlp.reporting.figures.stage_figures import (
     view_sheet,
     viewpoint_figure,
 )
-from hlp.reporting.figures.target_panels import SeenTarget, draw_overview, draw_panels
 from hlp.reporting.page.report_data import (
     CAPTIONS,
     FOLDER,

@@ -32,8 +32,8 @@ from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.refiner import cost_around
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Observation, observe
+from hlp.reporting.figures.panels import SeenTarget
 from hlp.reporting.figures.stage_figures import PatchEntries, SwarmsOfTarget
-from hlp.reporting.figures.target_panels import SeenTarget
 from hlp.runs.diagnosis import visible_pixels
 from hlp.stages.detection import DetectionStages
 from hlp.stages.training import TrainingStages

@@ -174,10 +174,7 @@ def recall_by_time(runs: Sequence[Result], swept: Sequence[str]) -> "Figure":
 
 
 def search_points(result: Mapping[str, Any]) -> "Figure":
-    """A point for each trial with a result, of what `search.json` holds; there must be one.
-
-    The first is the unchanged configuration.
-    """
+    """A point for each trial with a result, of what `search.json` holds; there must be one."""
     limit, best = result["limit_ms"], result["best"]
     trials = [trial for trial in result["trials"] if trial["error"] is None]
     points = [(trial["time_ms"], trial["recall"]) for trial in trials]
@@ -191,10 +188,6 @@ def search_points(result: Mapping[str, Any]) -> "Figure":
         words = f"best within the limit: trial {best['trial']}"
         ax.plot(best["time_ms"], best["recall"], "*", color="#d55e00", markersize=14, zorder=4,
                 label=words)  # fmt: skip
-    for trial, point in zip(trials, points, strict=True):
-        if trial["trial"] == 0:
-            ax.annotate("unchanged configuration", point, (8, -12), textcoords="offset points",
-                        fontsize=8)  # fmt: skip
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure
 

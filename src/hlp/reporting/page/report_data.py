@@ -21,8 +21,7 @@ from hlp.folders import inside
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel
-from hlp.reporting.figures.panels import write_picture
-from hlp.reporting.figures.target_panels import SeenTarget
+from hlp.reporting.figures.panels import SeenTarget, write_picture
 from hlp.results.recalls import TargetKey
 from hlp.schemas import Id
 from hlp.settings import Positive, Stored, read_as
