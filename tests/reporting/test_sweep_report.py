@@ -103,7 +103,6 @@ def test_table_figure_and_page_of_studies_are_written_and_reported(benches: Path
     assert rows == [["15 *", "912", "1.2"], ["150", "912", "1.2"], ["50", "", ""]]
     drawn = written[3].read_text()
     assert drawn.count("<!-- 0.750 -->") == 2  # the bars of the finished runs
-    assert "<!-- axis cut: begins at 0.7 -->" in drawn
     assert "<!-- 15 * -->" in drawn and "load" not in drawn
     report = report_runs(benches.parent, "text")
     assert describe_sweep(only(benches), "text") in report and "bench.csv" in report

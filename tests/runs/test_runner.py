@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from hlp.data.dataset import StatedTarget
 from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.summary import summarise

@@ -21,7 +21,7 @@ from hlp.folders import locked
 from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import paired_difference, read_targets, surely
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.heat_maps import search_points
+from hlp.reporting.figures.charts import search_points
 from hlp.reporting.mlflow.pages import short_name
 from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
