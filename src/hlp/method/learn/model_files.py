@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt
 from jaxtyping import Float
 
 from hlp.errors import DataError
-from hlp.files import read_json, read_npz, read_table, write_json
+from hlp.files import read_csv, read_json, read_npz, write_json
 from hlp.method.settings import MachineSettings
 from hlp.models.network import Network, load_network
 from hlp.records import ColorGrid, Mesh, ObjectModel, Texture
@@ -127,7 +127,7 @@ def read_history(folder: Path) -> list[dict[str, float]]:
     path = folder / HISTORY
     if not path.exists():
         return []
-    _, rows = read_table(path, ["epoch"])
+    rows = read_csv(path, ["epoch"], more=True)
     try:
         return [{name: float(value) for name, value in row.items()} for row in rows]
     except (ValueError, TypeError) as error:
