@@ -11,9 +11,10 @@ import argparse
 from pathlib import Path
 
 from hlp import Detector
-from hlp.checks.corrections import find_answers
-from hlp.checks.frame_checks import check_first_frame, check_registration
-from hlp.checks.known_objects import Evidence
+from hlp.checks.corrections import check_gains
+from hlp.checks.frame_checks import check_first_frame
+from hlp.checks.known_objects import find_answers, known_gains
+from hlp.checks.registration import check_registration
 from hlp.data.bop import BopSettings
 
 
@@ -28,19 +29,19 @@ def main() -> None:
     models = list(detector.models.values())
     source = BopSettings(root=str(given.data)).build().frames
     frames = [source.load(key) for key in source.keys[:: given.every]]
-    answers = [find_answers(detector, detector.objects, {}, frame) for frame in frames]
+    gains = []
+    for frame in frames:
+        answers = find_answers(detector, detector.objects, {}, frame)
+        gains.append(known_gains(detector, frame, answers))
     for length in (1, 3):
         alarms, groups = 0, [range(i, i + length) for i in range(len(frames) - length + 1)]
         for group in groups:
-            evidence = Evidence(detector)
-            for place in group:
-                evidence.add(frames[place], answers[place])
             shown = [frames[place] for place in group]
             found = [
                 *check_first_frame(shown[0], models),
                 *check_registration(shown),
                 *check_registration(shown, whole=True),
-                *evidence.findings(),
+                *check_gains([gains[place] for place in group]),
             ]
             alarms += bool(found)
             for finding in found:

@@ -1,7 +1,6 @@
-"""A small data set in BOP's layouts, written by hand: one scene, two frames, objects 1 and 6."""
+"""A small data set in BOP's layout, written by hand: one scene, two frames, objects 1 and 6."""
 
 import json
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -50,34 +49,6 @@ def write_targets(path: Path, rows: Sequence[tuple[int, ...]]) -> None:
     """A list of targets: (scene, frame, object, instances), or (scene, frame) alone."""
     keys = ("scene_id", "im_id", "obj_id", "inst_count")
     path.write_text(json.dumps([dict(zip(keys, row, strict=False)) for row in rows]))
-
-
-def make_imagewise(scene: Path, target: Path, prefix: str) -> None:
-    """Write a classic scene in BOP's image-wise layout: a file for each frame and kind."""
-    target.mkdir(parents=True, exist_ok=True)
-    for name in ("camera", "gt", "gt_info"):
-        for frame, entry in json.loads((scene / f"scene_{name}.json").read_text()).items():
-            (target / f"{prefix}{int(frame):06d}.{name}.json").write_text(json.dumps(entry))
-    for kind in ("rgb", "gray", "depth"):
-        for image in (scene / kind).glob("*"):
-            shutil.copy(image, target / f"{prefix}{image.stem}.{kind}{image.suffix}")
-    for frame, instances in FRAMES.items():
-        masks = {}
-        for number in range(len(instances)):
-            image = cv2.imread(str(scene / "mask_visib" / f"{frame:06d}_{number:06d}.png"))
-            masks[str(number)] = _run_lengths(image[..., 0] > 0)
-        (target / f"{prefix}{frame:06d}.mask_visib.json").write_text(json.dumps(masks))
-
-
-def _run_lengths(mask: np.ndarray) -> dict[str, list[int]]:
-    """COCO's: lengths of runs column by column, beginning with a run of zeros."""
-    counts, value, length = [], False, 0
-    for pixel in mask.ravel(order="F"):
-        if pixel != value:
-            counts.append(length)
-            value, length = pixel, 0
-        length += 1
-    return {"counts": [*counts, length], "size": list(mask.shape)}
 
 
 def _entry(object_id: int, x: float) -> dict[str, object]:

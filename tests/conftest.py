@@ -99,11 +99,9 @@ def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def make(folder: Path) -> None:
         from hlp import Detector
-        from hlp.data.synthetic.objects import demo_objects
-        from tiny_method import tiny_method, write_mesh
+        from tiny_method import tiny_method, write_meshes
 
-        models = {model.name: model for model in demo_objects().values()}
-        meshes = {name: write_mesh(folder, models[name]) for name in ("bear", "can")}
+        meshes = write_meshes(folder, "bear", "can")
         Detector.learn(meshes, folder / "objects", settings=tiny_method())
 
     return made_once(tmp_path_factory, "learnt", make) / "objects"

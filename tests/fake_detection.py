@@ -15,7 +15,7 @@ from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.method.find.trace import ObjectTrace
 from hlp.method.settings import MethodSettings
-from hlp.records import Frame, Hypotheses, LocalPatches, Refinement, Region, Target, Votes
+from hlp.records import Frame, Hypotheses, Refinement, Region, Target, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import PRIOR, ScoreModel
@@ -115,7 +115,7 @@ class FakeEstimator:
         self.loaded += 1
 
     def prepare(self, frame: Frame) -> Any:
-        return SimpleNamespace(frame=frame, observation=None)
+        return SimpleNamespace(estimator=self, frame=frame, observation=None)
 
     def verifier(self, object_id: int) -> Any:
         """Nothing is explained by any pose."""
@@ -161,16 +161,9 @@ class FakeEstimator:
         count = 0 if (context.frame.key, region.object_id) == NOT_FOUND else 2
         poses = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
         poses[:, 2, 3] = float(region.mask.sum())
-        patches = LocalPatches(
-            np.zeros((0, 2, 2, 3), np.uint8),
-            np.zeros((0, 2, 2), np.float32),
-            np.zeros((0, 2, 2), bool),
-            np.zeros((0, 3)),
-            np.zeros((0, 2)),
-        )
         found = Hypotheses(poses, rng.random(count))
         seconds = {"local": 0.25, "voting": 0.125}
-        return ObjectTrace(region, patches, votes, found, seconds=seconds)
+        return ObjectTrace(region, None, votes, found, seconds=seconds)
 
     def refine(
         self,

@@ -1,19 +1,11 @@
 """Reading what a run leaves in its output folder, in its work folder and in MLflow."""
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
 
 from mlflow import MlflowClient
 from mlflow.entities import Run
-
-Row = dict[str, str]
-
-
-def rows(path: Path) -> list[Row]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def read_json(path: Path) -> dict[str, Any]:

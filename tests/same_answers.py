@@ -39,9 +39,7 @@ def compare_answers(
         frame = run.dataset.frames.load(key)
         counts = dict.fromkeys(run.dataset.instances_to_find(frame), 1)
         of_run, of_image = (
-            search_frame(
-                detection.estimator, detection.estimator.prepare(given), counts, by_threads=False
-            )
+            search_frame(detection.estimator.prepare(given), counts, by_threads=False)
             for given in (frame, replace(frame, scene_id=0, frame_id=0))
         )
         image = frame.rgb, frame.depth, frame.camera_matrix

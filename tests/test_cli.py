@@ -93,6 +93,15 @@ def test_the_default_run_is_the_demo(folder: Path, capsys: Said) -> None:
     assert (output / ".hydra" / "config.yaml").is_file()
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_log_that_cannot_be_written_is_silent(folder: Path, capsys: Said) -> None:
+    main(["run", "hydra.job_logging.handlers.file.filename=/dev/full", "output=out"])
+    assert "running 0\n" in capsys.readouterr().out and seen(folder / "out")
+    (file,) = (each for each in logging.getLogger().handlers if each.get_name() == "file")
+    with pytest.raises(OSError, match="No space left"):
+        file.close()
+
+
 def test_bench_is_a_task_of_its_own_on_the_same_data(folder: Path) -> None:
     main(["bench", "experiment=table1", "frames=3", "output=out"])
     config = seen(folder / "out")
@@ -155,14 +164,6 @@ def test_anytime_is_a_sweep_of_budgets(folder: Path) -> None:
         main(["-m", "experiment=anytime", f"output=sweep{number}", *filter(None, [given])])
         found = [seen(path.parent) for path in folder.glob(f"sweep{number}/*/seen.json")]
         assert sorted(config["refinement"]["budget_ms"] for config in found) == values
-
-
-def test_a_traceback_is_shown_where_it_is_asked_for(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("HLP_TRACEBACK", "1")
-    with pytest.raises(MissingFileError, match=r"data\.root"):
-        main(["run", "seed=13"])
 
 
 def test_a_bug_keeps_its_traceback(folder: Path) -> None:

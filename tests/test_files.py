@@ -24,7 +24,7 @@ from hlp.reporting.sweeps import read_sweeps
 from hlp.results.recalls import read_summary
 
 
-def test_content_comes_back(tmp_path: Path) -> None:
+def test_content_comes_back(tmp_path):
     write_json(tmp_path / "new" / "a.json", {"θ": [1, None, 0.1]})
     assert read_json(tmp_path / "new" / "a.json") == {"θ": [1, None, 0.1]}
     write_csv(tmp_path / "b.csv", ["name", "x"], [["a,b", 0.1], ["ü", None]])
@@ -32,7 +32,7 @@ def test_content_comes_back(tmp_path: Path) -> None:
     assert rows == [{"name": "a,b", "x": "0.1"}, {"name": "ü", "x": ""}]
 
 
-def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "a.txt"
     write_text(path, "before")
     with pytest.raises(OSError, match="No space"), replaced(path) as stream:
@@ -44,7 +44,7 @@ def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:
+def test_an_error_of_the_system_names_the_file(tmp_path):
     for names, said in (((), r"left: '.*a\.txt'"), (("other",), "left: 'other'")):
         with pytest.raises(OSError, match=said), replaced(tmp_path / "a.txt"):
             raise OSError(28, "No space left", *names)
@@ -59,14 +59,14 @@ def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:
         np.float64(1.5),
     ],
 )
-def test_arrays_are_numpys_own_files(tmp_path: Path, array: np.ndarray) -> None:
+def test_arrays_are_numpys_own_files(tmp_path, array):
     write_array(tmp_path / "a.npy", array)
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), array)
     np.save(tmp_path / "b.npy", np.ascontiguousarray(array))
     assert (tmp_path / "a.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()
 
 
-def test_arrays_on_a_full_disk_say_so(tmp_path: Path) -> None:
+def test_arrays_on_a_full_disk_say_so(tmp_path):
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("no /dev/full")
@@ -75,9 +75,7 @@ def test_arrays_on_a_full_disk_say_so(tmp_path: Path) -> None:
         write_array(tmp_path / "a.npy", np.zeros(100_000))
 
 
-def test_arrays_that_take_far_more_room_than_their_file_are_not_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_arrays_that_take_far_more_room_than_their_file_are_not_read(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", zeros=np.zeros(1_000_000))
     assert read_npz(tmp_path / "a.npz")["zeros"].size == 1_000_000
     monkeypatch.setattr(files, "_ROOM", 1_000_000)
@@ -85,13 +83,13 @@ def test_arrays_that_take_far_more_room_than_their_file_are_not_read(
         read_npz(tmp_path / "a.npz")
 
 
-def test_a_written_file_has_the_usual_permissions(tmp_path: Path) -> None:
+def test_a_written_file_has_the_usual_permissions(tmp_path):
     (tmp_path / "plain").write_text("")
     write_text(tmp_path / "ours", "")
     assert os.stat(tmp_path / "ours").st_mode == os.stat(tmp_path / "plain").st_mode
 
 
-def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
+def test_what_cannot_be_read_is_named(tmp_path):
     for read in (read_json, lambda path: read_csv(path, ["a"])):
         with pytest.raises(FileNotFoundError, match="gone"):
             read(tmp_path / "gone")
@@ -121,7 +119,7 @@ CASES: dict[str, Case] = {
         lambda folder: read_json(written(folder / "a.json", "[" + "1," * 99 + "1]"), 100),
         "has 201 bytes: at most 100",
     ),
-    "summary: empty": (of_file(read_summary, "summary.json", "{}"), "it lacks metrics"),
+    "summary: empty": (of_file(read_summary, "summary.json", "{}"), "it lacks bop"),
     "results: no manifest": (
         lambda folder: read_sweeps(written(folder / "summary.json", "{}").parent),
         "manifest.json",
@@ -135,5 +133,5 @@ CASES: dict[str, Case] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path: Path, case: str) -> None:
+def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path, case):
     check(CASES[case], tmp_path)

@@ -53,32 +53,6 @@ def test_the_caller_does_not_wait_for_helpers_that_have_not_started() -> None:
     assert set(names) == {threading.current_thread().name}
 
 
-def test_helpers_take_part() -> None:
-    barrier = threading.Barrier(3, timeout=10)  # all three must be at work at once
-
-    def work(_: int) -> str:
-        barrier.wait()
-        return threading.current_thread().name
-
-    assert len(set(ThreadTeam(3).map(work, 3))) == 3
-
-
-@pytest.mark.parametrize("bad", [0, 1])
-def test_errors_reach_the_caller_and_the_team_goes_on(bad: int) -> None:
-    team = ThreadTeam(2)
-    barrier = threading.Barrier(2, timeout=10)
-
-    def work(index: int) -> int:
-        barrier.wait()  # one item each
-        if index == bad:
-            raise ValueError("item is bad")
-        return index
-
-    with pytest.raises(ValueError, match="item is bad"):
-        team.map(work, 2)
-    assert team.map(abs, 3) == [0, 1, 2]
-
-
 @pytest.mark.parametrize(
     ("threads", "count", "share"), [(4, 4, 1), (4, 9, 1), (4, 2, 2), (4, 1, 4)]
 )
@@ -127,9 +101,11 @@ def test_after_an_error_no_other_item_begins(threads: int) -> None:
             raise KeyboardInterrupt
         time.sleep(0.2)
 
+    team = ThreadTeam(threads)
     with pytest.raises(KeyboardInterrupt):
-        ThreadTeam(threads).map(work, 100)
+        team.map(work, 100)
     assert len(begun) == threads
+    assert team.map(abs, 3) == [0, 1, 2]
     assert threads_here(7) == 7
 
 

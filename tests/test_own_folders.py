@@ -23,7 +23,7 @@ LEAVES: dict[str, Callable[[Path, Path], None]] = {
 
 
 @pytest.mark.parametrize("what", LEAVES)
-def test_what_leads_out_of_a_folder_is_named(tmp_path: Path, what: str) -> None:
+def test_what_leads_out_of_a_folder_is_named(tmp_path, what):
     (tmp_path / "secret.txt").write_text("of the user")
     sub = tmp_path / "run" / "sub"
     sub.mkdir(parents=True)
@@ -36,7 +36,7 @@ def test_what_leads_out_of_a_folder_is_named(tmp_path: Path, what: str) -> None:
         found_below(tmp_path, "summary.json")
 
 
-def test_a_folder_of_ones_own_passes_and_may_be_a_link(tmp_path: Path) -> None:
+def test_a_folder_of_ones_own_passes_and_may_be_a_link(tmp_path):
     sub = tmp_path / "run" / "sub"
     sub.mkdir(parents=True)
     (sub / "file").touch()
@@ -51,13 +51,13 @@ def test_a_folder_of_ones_own_passes_and_may_be_a_link(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "a/../../b", ".."])
-def test_names_lead_nowhere_else(tmp_path: Path, name: str) -> None:
+def test_names_lead_nowhere_else(tmp_path, name):
     assert inside(tmp_path, "a/b") == tmp_path / "a" / "b"
     with pytest.raises(DataError, match="outside"):
         inside(tmp_path, name)
 
 
-def test_a_lock_neither_follows_a_link_nor_waits_for_a_pipe(tmp_path: Path) -> None:
+def test_a_lock_neither_follows_a_link_nor_waits_for_a_pipe(tmp_path):
     mine = tmp_path / "mine.txt"
     mine.write_text("of the user")
     (tmp_path / "link").symlink_to(mine)

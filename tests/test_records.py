@@ -32,6 +32,6 @@ def test_no_other_text_is_a_key(text):
         assert frame_key(*ids) == text
 
 
-def test_shapes_of_records_are_checked_while_tests_run() -> None:
+def test_shapes_of_records_are_checked_while_tests_run():
     with pytest.raises(Exception, match="uv"):
         Texture(np.zeros((2, 2, 3), np.uint8), np.zeros((4, 3)))

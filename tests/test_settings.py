@@ -11,12 +11,10 @@ from annotated_types import Ge, Gt, Interval, Le, Len
 from hlp.errors import ConfigError, DataError
 from hlp.settings import (
     Doc,
-    ReadBy,
     Registry,
     Settings,
     SettingsError,
     Stored,
-    defaults_of,
     read_settings,
     stored_as,
 )
@@ -37,7 +35,7 @@ class Saw(Settings):
     name: Literal["saw"] = "saw"
     teeth: Annotated[int, Ge(1)] = 30
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         super().__post_init__()
         if self.teeth % 2:
             raise SettingsError("teeth", f"is {self.teeth}: it must be even")
@@ -73,7 +71,7 @@ FULL = {
 }
 
 
-def test_plain_values_become_settings_and_come_back_through_json() -> None:
+def test_plain_values_become_settings_and_come_back_through_json():
     bench = read_settings(Bench, FULL)
     assert bench.sides == (4,) and bench.limits == (1.0, 3.5) and bench.given == [1.5, 2.0]
     assert isinstance(bench.share, float) and bench.kept is None
@@ -82,7 +80,7 @@ def test_plain_values_become_settings_and_come_back_through_json() -> None:
     assert read_settings(Bench, json.loads(json.dumps(asdict(bench)))) == bench
 
 
-def test_what_is_left_out_has_its_default() -> None:
+def test_what_is_left_out_has_its_default():
     assert read_settings(Bench, {"place": "attic"}) == Bench(place="attic")
     assert read_settings(Bench, {"place": "attic", "tool": {"name": "hammer"}}).tool == Hammer()
 
@@ -101,11 +99,11 @@ def test_what_is_left_out_has_its_default() -> None:
         ({"sides": 4}, "b.sides is 4: it must be a list"),
         ({"limits": [1]}, "b.limits is [1]: it must be a list of 2"),
         ({"limits": [1, 2, 3]}, "b.limits is [1, 2, 3]: it must be a list of 2"),
-        ({"limits": [1, 1]}, "b.limits.1 is 1.0: it must be above 1"),
+        ({"limits": [1, 1]}, "b.limits.1 is 1: it must be above 1"),
         ({"given": 4}, "b.given is 4: it must be text or a list"),
         ({"used": 1}, "b.used is 1: it must be true or false"),
         ({"kept": 4}, "b.kept is 4: it must be a mapping of keys to values or null"),
-        ({"kept": {"weight": -1}}, "b.kept.weight is -1.0: it must be above 0"),
+        ({"kept": {"weight": -1}}, "b.kept.weight is -1: it must be above 0"),
         ({"tool": {"teeth": 8}}, "b.tool.name is not set: set b.tool.name=VALUE"),
         ({"tool": {"name": "axe"}}, "b.tool.name is 'axe': choose one of hammer, mallet, saw"),
         (
@@ -120,18 +118,18 @@ def test_what_is_left_out_has_its_default() -> None:
         ),
     ],
 )
-def test_a_mistake_is_named_by_its_key(change: dict[str, Any], message: str) -> None:
+def test_a_mistake_is_named_by_its_key(change, message):
     with pytest.raises(ConfigError) as caught:
         read_settings(Bench, FULL | change, "b")
     assert str(caught.value) == message
 
 
-def test_a_required_key_is_asked_for() -> None:
+def test_a_required_key_is_asked_for():
     with pytest.raises(ConfigError, match=r"^place is not set: set place=VALUE$"):
         read_settings(Bench, {})
 
 
-def test_ranges_and_choices_hold_in_python_too() -> None:
+def test_ranges_and_choices_hold_in_python_too():
     with pytest.raises(SettingsError, match=r"^weight is 0: it must be above 0$"):
         Hammer(weight=0)
     with pytest.raises(SettingsError, match=r"^weight is nan: it must be a finite number$"):
@@ -143,15 +141,9 @@ def test_ranges_and_choices_hold_in_python_too() -> None:
             Bench(place="attic", height=height)  # type: ignore[arg-type]
 
 
-def test_an_error_survives_the_way_from_a_worker() -> None:
+def test_an_error_survives_the_way_from_a_worker():
     error = pickle.loads(pickle.dumps(SettingsError("a.b", "is 3: it must be 4")))
     assert (str(error), error.key) == ("a.b is 3: it must be 4", "a.b")
-
-
-def test_defaults_are_plain_and_say_what_must_be_set() -> None:
-    found = defaults_of(Bench)
-    assert found["place"] == "???" and found["tool"] == {"name": "hammer", "weight": 1.0}
-    assert defaults_of(Hammer, "mallet") == {"name": "mallet", "weight": 1.0}
 
 
 @pytest.mark.parametrize(
@@ -165,12 +157,12 @@ def test_defaults_are_plain_and_say_what_must_be_set() -> None:
         ({"tool": {"name": "hammer", "weight": float("inf")}}, "tool.weight is inf"),
     ],
 )
-def test_numbers_are_finite_and_of_a_size_that_fits(values: dict[str, Any], said: str) -> None:
+def test_numbers_are_finite_and_of_a_size_that_fits(values, said):
     with pytest.raises(SettingsError, match=said.replace("+", r"\+")):
         read_settings(Bench, {"place": "attic", **values})
 
 
-def test_lengths_and_angles_are_bounded_by_their_names() -> None:
+def test_lengths_and_angles_are_bounded_by_their_names():
     @dataclass(frozen=True)
     class Cone(Settings):
         half_deg: float = 10.0
@@ -186,11 +178,11 @@ def test_lengths_and_angles_are_bounded_by_their_names() -> None:
 
 @dataclass(frozen=True)
 class Part(Stored):
-    sizes: Annotated[tuple[float, ...], Len(2, 2), ReadBy(lambda sizes: sizes or [1, 2])]
+    sizes: Annotated[tuple[float, ...], Len(2, 2), lambda sizes: sizes or [1, 2]]
     name: str = "plain"
 
 
-def test_what_a_file_holds_is_read_without_what_is_not_declared() -> None:
+def test_what_a_file_holds_is_read_without_what_is_not_declared():
     assert stored_as(list[Part], [{"sizes": [], "more": 1}], "a.json") == [Part((1.0, 2.0))]
     assert stored_as(dict[str, Part], {"x": {"sizes": [3, 4], "name": "y"}}, "a.json") == {
         "x": Part((3.0, 4.0), "y")
@@ -208,7 +200,7 @@ def test_what_a_file_holds_is_read_without_what_is_not_declared() -> None:
         (dict[str, Part], {"x": {"sizes": [1, "2"]}}, "x.sizes.1 is '2': it must be a number"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_named(kind: Any, content: Any, said: str) -> None:
+def test_what_is_wrong_in_a_file_is_named(kind, content, said):
     with pytest.raises(DataError) as caught:
         stored_as(kind, content, "a.json")
     assert str(caught.value) == f"a.json: {said}"

@@ -4,13 +4,11 @@ import importlib.metadata
 import sys
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import pytest
 
 from hlp.errors import ConfigError
-from hlp.settings import Registry
 
 
 @dataclass(frozen=True)
@@ -19,7 +17,7 @@ class Red:
 
 
 @pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def package(tmp_path, monkeypatch):
     """A package with an alternative `green` and, beside it, a module that must not be imported."""
     folder = tmp_path / "colours_of_a_test"
     folder.mkdir()
@@ -37,30 +35,28 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         del sys.modules[name]
 
 
-def colours(package: str) -> "Registry[Any]":
+def colours(package):
     return __import__(package).COLOURS
 
 
-def test_what_is_registered_is_found_without_any_import(package: str) -> None:
+def test_what_is_registered_is_found_without_any_import(package):
     known = colours(package)
     known.register(Red)
     assert known.find("red") is known.find("crimson") is Red
     assert f"{package}.green" not in sys.modules
 
 
-def test_a_module_named_like_the_alternative_is_imported_before_the_others(package: str) -> None:
+def test_a_module_named_like_the_alternative_is_imported_before_the_others(package):
     assert colours(package).find("green").__name__ == "Green"
     assert f"{package}.broken" not in sys.modules
 
 
-def test_a_bug_in_a_module_is_no_unknown_name(package: str) -> None:
+def test_a_bug_in_a_module_is_no_unknown_name(package):
     with pytest.raises(RuntimeError, match="imported"):
         colours(package).find("blue")
 
 
-def test_an_unknown_name_is_told_with_the_group_and_the_names_there_are(
-    package: str, tmp_path: Path
-) -> None:
+def test_an_unknown_name_is_told_with_the_group_and_the_names_there_are(package, tmp_path):
     (tmp_path / package / "broken.py").write_text("")
     known = colours(package)
     known.register(Red)
@@ -72,7 +68,7 @@ def test_an_unknown_name_is_told_with_the_group_and_the_names_there_are(
     assert list(known.alternatives()) == ["crimson", "green", "red"]
 
 
-def test_two_classes_of_one_name_are_refused(package: str) -> None:
+def test_two_classes_of_one_name_are_refused(package):
     known = colours(package)
     known.register(Red)
     known.register(Red)  # a module that is loaded again
@@ -85,9 +81,7 @@ def test_two_classes_of_one_name_are_refused(package: str) -> None:
         known.register(Other)
 
 
-def test_a_plug_in_that_cannot_be_loaded_is_named(
-    package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plug_in_that_cannot_be_loaded_is_named(package, tmp_path, monkeypatch):
     (tmp_path / package / "broken.py").write_text("")
     plug_in = EntryPoint("paint", "no_such_paint", "hlp.colour")
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [plug_in])

@@ -1,8 +1,10 @@
 """Mesh files, and the smallest settings of the method, for tests that learn an object."""
 
+import shutil
 from functools import cache
 from pathlib import Path
 
+import pytest
 import trimesh
 
 from hlp.commands.composing import compose_config
@@ -10,6 +12,7 @@ from hlp.config.build import build_settings
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.settings import MethodSettings
 from hlp.records import ObjectModel
+from hlp.refinement.score_model import PRIOR
 
 MODELS = {model.name: model for model in demo_objects().values()}
 """The demo's objects by name."""
@@ -47,3 +50,18 @@ def write_mesh(folder: Path, model: ObjectModel) -> Path:
     path = folder / f"{model.name}.ply"
     mesh.export(path)
     return path
+
+
+def write_meshes(folder: Path, *names: str) -> dict[str, Path]:
+    """Meshes of the demo's objects by name."""
+    return {name: write_mesh(folder, MODELS[name]) for name in names}
+
+
+def train_nothing(patch: pytest.MonkeyPatch, learnt: Path) -> None:
+    """Learning copies the classifier of a learnt folder and calibrates no score."""
+
+    def copy(*given: object) -> None:
+        shutil.copytree(learnt / "classifier", str(given[4]), dirs_exist_ok=True)
+
+    patch.setattr("hlp.method.learn.learning.train_classifier", copy)
+    patch.setattr("hlp.method.learn.learning.calibrate_score", lambda *_: PRIOR)

@@ -3,8 +3,13 @@
 Lengths are in metres, pixels are counted (x, y) from the centre of the first one.
 """
 
+from collections.abc import Sequence
+from typing import TypeVar
+
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
+
+_Item = TypeVar("_Item")
 
 Pose = Float[np.ndarray, "4 4"]
 """A rigid motion, nearly always from object to camera coordinates."""
@@ -31,3 +36,9 @@ DepthCodes = UInt8[np.ndarray, "n p p"]
 """Depth in 8 bits: see `patches.holistic.depth_code`."""
 MaskPatches = Bool[np.ndarray, "n p p"]
 ColorPatches = UInt8[np.ndarray, "n p p 3"]
+
+
+def spread(items: Sequence[_Item], most: int | None) -> tuple[_Item, ...]:
+    """`most` of the items, or all, spread evenly; None: all."""
+    count = len(items) if most is None else min(most, len(items))
+    return tuple(items[i * len(items) // count] for i in range(count))

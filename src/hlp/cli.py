@@ -3,7 +3,6 @@
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import import_module
 
 import hlp
@@ -11,6 +10,41 @@ from hlp.commands import MULTIRUN, completion, help_text
 from hlp.commands.ending import fails_in_one_line, messages_on, stops_in_one_line
 
 _HELP = {"-h", "--help"}
+
+
+COMMANDS = {
+    "run": "learn, find and score (default: the demo)",
+    "learn": "learn your own objects from their CAD models",
+    "predict": "poses of learnt objects in your own frames",
+    "live": "poses in the images of a camera, as they come",
+    "objects": "what is learnt: list, show, remove, export",
+    "doctor": "what is wrong with data, learnt objects or this machine",
+    "report": "tables and pages of finished runs, with the paper's numbers",
+    "runs": "the runs in outputs/, with their main figures",
+    "ui": "the runs in a browser, by MLflow",
+    "upload": "send runs to an MLflow server that was unreachable",
+    "bench": "time and memory of every stage on this machine",
+    "search": "search for the best settings within a time limit",
+    "download": "public data sets in a form that HLP reads",
+    "notebooks": "copy the tutorial notebooks into a folder",
+    "clean": "stage outputs that can be removed",
+}
+"""The commands: functions of their names in `hlp.commands`."""
+_MODULES = {
+    **dict.fromkeys(("bench", "search"), "run"),
+    "live": "predict",
+    **dict.fromkeys(("runs", "ui", "upload"), "report"),
+    **dict.fromkeys(("download", "notebooks", "clean"), "folders"),
+}
+"""The module of a command, where it has not its name."""
+_NEED_ARGUMENTS = {"learn", "predict", "live", "objects", "download"}
+_CONTINUE = {"run", "learn", "upload", "bench", "search", "download"}
+"""Commands that go on, when they are called again, where they were stopped."""
+_MESSAGES = {
+    **dict.fromkeys(("run", "bench", "search"), ""),  # Hydra sets up the logging
+    **dict.fromkeys(("live", "report", "runs"), "stderr"),
+}
+"""The stream of a command's messages, where it is not standard output."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -33,14 +67,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         completion.complete(given, list(COMMANDS))
     elif name in COMMANDS:
         _set_environment()
-        command = COMMANDS[name]
-        continues = command.continues(rest)
-        with stops_in_one_line(continues), messages_on(command.messages), fails_in_one_line():
-            if _HELP & {*rest} or (command.needs_arguments and not rest):
-                print(help_text(name, rest))
+        messages = messages_on(_MESSAGES.get(name, "stdout"))
+        with stops_in_one_line(name in _CONTINUE), messages, fails_in_one_line():
+            if _HELP & {*rest} or (name in _NEED_ARGUMENTS and not rest):
+                print(help_text(name))
             else:
-                function = getattr(import_module(f"hlp.commands.{command.module}"), name)
-                function(rest)
+                module = import_module(f"hlp.commands.{_MODULES.get(name, name)}")
+                getattr(module, name)(rest)
     else:
         from hlp.commands.arguments import nearest
 
@@ -49,43 +82,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(2)
 
 
-@dataclass(frozen=True)
-class _Command:
-    """A function of its name in a module of `hlp.commands`."""
-
-    module: str
-    summary: str
-    goes_on: bool = True
-    """Whether the same command, called again, goes on where it was stopped."""
-    needs_arguments: bool = False
-    messages: str = "stdout"
-    """The stream of HLP's messages; none where Hydra sets up the logging."""
-
-    def continues(self, arguments: Sequence[str]) -> bool:
-        """Whether it goes on with these arguments: a sequence is tracked from its start."""
-        if self.module != "predict":
-            return self.goes_on
-        named = any(argument.startswith("output=") for argument in arguments)
-        return named and "track=true" not in arguments
-
-
 def _usage() -> str:
-    lines = [f"  {name:<9} {command.summary}" for name, command in COMMANDS.items()]
-    return "\n".join(
-        [
-            "usage: hlp COMMAND [overrides]",
-            "       hlp -m [overrides]   (a sweep)",
-            "",
-            *lines,
-            "",
-            "hlp run                                   the demo, then open its report.html",
-            "hlp -m refinement=pso,icp                 a sweep of two refiners",
-            "",
-            "See `hlp COMMAND --help` for the options of a command.",
-            'Completion of commands and keys:  eval "$(hlp -sc install=bash)"  (or zsh);',
-            "in fish:  hlp -sc install=fish | source",
-        ]
-    )
+    commands = "\n".join(f"  {name:<9} {summary}" for name, summary in COMMANDS.items())
+    return f"""\
+usage: hlp COMMAND [overrides]
+       hlp -m [overrides]   (a sweep)
+
+{commands}
+
+hlp run                                   the demo, then open its report.html
+hlp -m refinement=pso,icp                 a sweep of two refiners
+
+See `hlp COMMAND --help` for the options of a command.
+Completion of commands and keys:  eval "$(hlp -sc install=bash)"  (or zsh);
+in fish:  hlp -sc install=fish | source"""
 
 
 def _set_environment() -> None:
@@ -97,45 +107,3 @@ def _set_environment() -> None:
     os.environ["PYTHONWARNINGS"] = ",".join(filters)
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # what cannot be read is said once, by us
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors unchanged; `fail` shortens them
-
-
-COMMANDS = {
-    "run": _Command("run", "learn, find and score (default: the demo)", messages=""),
-    "learn": _Command(
-        "learn", "learn your own objects from their CAD models", needs_arguments=True
-    ),
-    "predict": _Command(
-        "predict", "poses of learnt objects in your own frames", needs_arguments=True
-    ),
-    "live": _Command(
-        "live",
-        "poses in the images of a camera, as they come",
-        goes_on=False,
-        needs_arguments=True,
-        messages="stderr",
-    ),
-    "objects": _Command(
-        "objects", "what is learnt: list, show, remove, export", goes_on=False, needs_arguments=True
-    ),
-    "doctor": _Command(
-        "doctor", "what is wrong with data, learnt objects or this machine", goes_on=False
-    ),
-    "report": _Command(
-        "report",
-        "tables and pages of finished runs, with the paper's numbers",
-        goes_on=False,
-        messages="stderr",
-    ),
-    "runs": _Command(
-        "report", "the runs in outputs/, with their main figures", goes_on=False, messages="stderr"
-    ),
-    "ui": _Command("report", "the runs in a browser, by MLflow", goes_on=False),
-    "upload": _Command("report", "send runs to an MLflow server that was unreachable"),
-    "bench": _Command("run", "time and memory of every stage on this machine", messages=""),
-    "search": _Command("run", "search for the best settings within a time limit", messages=""),
-    "download": _Command(
-        "folders", "public data sets in a form that HLP reads", needs_arguments=True
-    ),
-    "notebooks": _Command("folders", "copy the tutorial notebooks into a folder", goes_on=False),
-    "clean": _Command("folders", "stage outputs that can be removed", goes_on=False),
-}

@@ -139,12 +139,20 @@ def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
 
 def parse_json(text: str, where: str) -> Any:
     """Parsed JSON of a text; see `read_json`."""
+
+    def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            (name, _), *_ = Counter(name for name, _ in pairs).most_common(1)
+            raise DataError(f"{where} states the key {name!r} twice: leave one out")
+        return found
+
     try:
-        content = json.loads(text, object_pairs_hook=_distinct, parse_constant=_no_number)
+        content = json.loads(text, object_pairs_hook=distinct, parse_constant=_no_number)
     except RecursionError as error:
         raise _too_deep(where) from error
-    except _DoubleKeyError as error:
-        raise DataError(f"{where} states the key {error} twice: leave one out") from error
+    except DataError:
+        raise
     except ValueError as error:
         raise DataError(f"{where} is not JSON: {error}") from error
     level: list[Any] = [content]
@@ -153,18 +161,6 @@ def parse_json(text: str, where: str) -> Any:
         if not level:
             return content
     raise _too_deep(where)
-
-
-class _DoubleKeyError(Exception):
-    """A key is stated twice in one object."""
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        (name, _), *_ = Counter(name for name, _ in pairs).most_common(1)
-        raise _DoubleKeyError(repr(name))
-    return found
 
 
 def parse_yaml(text: str, where: str) -> Any:
@@ -214,29 +210,21 @@ def _too_deep(where: str) -> DataError:
     return DataError(f"{where} is nested deeper than {_DEEPEST} levels: no file of this kind is")
 
 
-def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
+def read_csv(path: Path, columns: Sequence[str], *, more: bool = False) -> list[dict[str, Any]]:
     """Rows of a CSV file by column name; the first row is line 2, missing cells are None.
 
-    Raises MissingFileError, or DataError naming a file whose first line is not `columns`, or that
-    is not text.
+    With `more`, further columns may follow. Raises MissingFileError, or DataError naming a file
+    whose first line is not `columns`, or that is not text.
     """
-    more, rows = read_table(path, columns)
-    if more:
-        raise DataError(f"{path}: the first line must be {','.join(columns)}")
-    return rows
-
-
-def read_table(path: Path, columns: Sequence[str]) -> tuple[list[str], list[dict[str, Any]]]:
-    """As `read_csv`, of a file that may have further columns after these; also their names."""
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             reader = csv.DictReader(stream)
             names = tuple(reader.fieldnames or ())
-            if names[: len(columns)] != tuple(columns):
+            if (names[: len(columns)] if more else names) != tuple(columns):
                 raise DataError(f"{path}: the first line must be {','.join(columns)}")
-            return [*names[len(columns) :]], list(reader)
+            return list(reader)
     except (UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path} is damaged, or no table in UTF-8 ({error})") from error
 

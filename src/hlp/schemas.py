@@ -16,7 +16,7 @@ from annotated_types import Ge, Le, Len
 from hlp.arrays import CameraMatrix, Image, Rotation, Vector
 from hlp.errors import DataError
 from hlp.geometry import nearest_rotation
-from hlp.settings import Count, Positive, ReadBy, SettingsError, Share, Stored, shown
+from hlp.settings import Count, Positive, Share, Stored
 
 ROTATION_TOLERANCE = 5e-3
 """Largest difference of a stated rotation's numbers from those of the nearest rotation.
@@ -41,8 +41,8 @@ def number(text: str) -> float:
     return float(text)
 
 
-def require_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> None:
-    """The numbers are those of a rotation, right-handed, up to rounding."""
+def exact_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> Rotation:
+    """The right-handed rotation whose rounded numbers these are."""
     left, sizes, right = np.linalg.svd(matrix)
     nearest = left @ right
     if np.abs(nearest - matrix).max() > tolerance:
@@ -54,11 +54,6 @@ def require_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_T
         raise DataError(
             f"{where} is not a rotation but a reflection: take a right-handed coordinate system"
         )
-
-
-def exact_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> Rotation:
-    """The rotation whose rounded numbers these are."""
-    require_rotation(matrix, where, tolerance)
     return nearest_rotation(matrix)
 
 
@@ -67,22 +62,11 @@ def require_in_front(center_cam: Vector, diameter: float, where: str, unit: str)
 
     `unit` is that of the file.
     """
-    depth = float(center_cam[2])
-    if depth <= 0:
+    depth, least = float(center_cam[2]), diameter / 4
+    if depth < least or np.linalg.norm(center_cam) > _FARTHEST_OBJECT:
         raise DataError(
-            f"{where} places the object behind the camera ({depth:.4g} m): z must be positive"
-        )
-    if depth < diameter / 4:
-        mistaken = unit != "metres" and depth * 1000 > diameter
-        metres = " (are these metres?)" if mistaken else ""
-        raise DataError(
-            f"{where} places the object of {diameter:.3g} m at {depth:.3g} m, around the camera: "
-            f"translations are in {unit}{metres}"
-        )
-    if float(np.linalg.norm(center_cam)) > _FARTHEST_OBJECT:
-        raise DataError(
-            f"{where} places the object {float(np.linalg.norm(center_cam)):.4g} m away, at most "
-            f"{_FARTHEST_OBJECT:g} m are possible: translations are in {unit}"
+            f"{where} places the object of {diameter:.3g} m at {depth:.4g} m from the camera, it "
+            f"must be {least:.3g} to {_FARTHEST_OBJECT:g} m before it: translations are in {unit}"
         )
 
 
@@ -111,14 +95,12 @@ def camera_matrix(values: Any, where: str, size: tuple[int, int] | None = None) 
             f"{width}x{height}: are these the intrinsics of images of another size?"
         )
     low, high = (share * max(size) for share in FOCAL)
-    for name, focal in (("fx", float(matrix[0, 0])), ("fy", float(matrix[1, 1]))):
-        if not low <= focal <= high:
-            raise DataError(
-                f"{where}: {name} is {focal:.6g} px, in an image of {width}x{height} it must be "
-                f"{low:g} to {high:g}: give it in pixels"
-            )
-    if not 1 / _MOST_UNEQUAL <= matrix[0, 0] / matrix[1, 1] <= _MOST_UNEQUAL:
-        raise DataError(f"{where} is {given}: fx and fy are those of no camera, check their order")
+    focal = matrix[[0, 1], [0, 1]]
+    if focal.min() < low or focal.max() > high or focal.max() > _MOST_UNEQUAL * focal.min():
+        raise DataError(
+            f"{where}: fx and fy are {focal[0]:.6g} and {focal[1]:.6g} px, in an image of "
+            f"{width}x{height} they must be {low:g} to {high:g} and alike: give them in pixels"
+        )
     return matrix
 
 
@@ -138,14 +120,14 @@ def require_near_depths(
     """A true pose lies at a distance like those that the depth image (m) has, and near the view."""
     present = metres[metres > 0]
     depth, low, high = float(center_cam[2]), float(present.min()), float(present.max())
-    if not low / _BEYOND_DEPTH <= depth <= high * _BEYOND_DEPTH:
-        raise DataError(
-            f"{where} places the object at {depth:.4g} m, but the depth image reaches from "
-            f"{low:.4g} to {high:.4g} m: check the unit of the translations and depth_scale"
-        )
     beside = float(np.abs(center_cam[:2]).max())
-    if beside * matrix[0, 0] > _BESIDE * max(metres.shape) * depth:
-        raise DataError(f"{where} places the object {beside:.4g} m beside the view, which it is of")
+    far = not low / _BEYOND_DEPTH <= depth <= high * _BEYOND_DEPTH
+    if far or beside * matrix[0, 0] > _BESIDE * max(metres.shape) * depth:
+        raise DataError(
+            f"{where} places the object at {depth:.4g} m and {beside:.4g} m beside the axis, but "
+            f"the depth image reaches from {low:.4g} to {high:.4g} m: check the unit of the "
+            "translations and depth_scale"
+        )
 
 
 Id = Annotated[int, Ge(0), Le(2**31 - 1)]
@@ -158,9 +140,9 @@ def _flat(values: Any) -> Any:
     return values
 
 
-_Vector3 = Annotated[tuple[float, ...], Len(3, 3), ReadBy(_flat)]
-_Matrix3 = Annotated[tuple[float, ...], Len(9, 9), ReadBy(_flat)]
-_Matrix4 = Annotated[tuple[float, ...], Len(16, 16), ReadBy(_flat)]
+_Vector3 = Annotated[tuple[float, ...], Len(3, 3), _flat]
+_Matrix3 = Annotated[tuple[float, ...], Len(9, 9), _flat]
+_Matrix4 = Annotated[tuple[float, ...], Len(16, 16), _flat]
 
 
 @dataclass(frozen=True)
@@ -212,22 +194,6 @@ class ModelInfo(Stored):
     diameter: Positive | None = None
     symmetries_discrete: tuple[_Matrix4, ...] = ()
     symmetries_continuous: tuple[ContinuousSymmetry, ...] = ()
-
-
-@dataclass(frozen=True)
-class RunLengths(Stored):
-    """A mask: COCO's uncompressed run lengths, column by column, beginning with zeros."""
-
-    size: tuple[Count, Count]
-    counts: Any  # whole numbers: there are too many to check each by its type
-
-    def __post_init__(self) -> None:
-        """Raise SettingsError naming what is wrong."""
-        super().__post_init__()
-        counts = self.counts
-        if not isinstance(counts, list) or {*map(type, counts)} != {int} or min(counts) < 0:
-            problem = f"is {shown(counts)}: it must be a list of whole numbers from 0"
-            raise SettingsError("counts", problem)
 
 
 Scene = dict[str, Any]

@@ -5,112 +5,41 @@
 Ranges are those of `annotated_types`. They are checked whenever a record is made, also in Python.
 `read_settings` makes settings from plain values, as in YAML, and `stored_as` what a JSON file
 holds. Not by pydantic: importing it would take as long as NumPy, wherever an object is found.
-
-Each group of alternatives has one `Registry`, in which a settings class registers itself:
-
-    @REFINERS.register
-    @dataclass(frozen=True)
-    class PsoSettings(Settings):
-        name: Literal["pso"] = "pso"
-
-There is no list of the alternatives. A name is looked for in the modules of the group's package,
-then in installed plug-ins, whose entry points are in the group `hlp.GROUP`.
 """
 
 import dataclasses
 import math
-import pkgutil
+import numbers
+import operator
 import sys
-from collections.abc import Callable, Iterator, Mapping
+import types
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
-from importlib import import_module
+from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar, Union, cast, get_args, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
-from annotated_types import Ge, Gt, Interval
+from annotated_types import Ge, Gt, Interval, Len
 from typing_extensions import Doc as Doc
 
 from hlp.errors import ConfigError, DataError, shortened
 from hlp.files import read_json
-from hlp.value_types import A_MAPPING, ValueType, kinds_of_items, mistake_in, type_of
+from hlp.registry import Registry as Registry
 
 T = TypeVar("T")
-Kind = TypeVar("Kind", bound=type)
-
-
-class Registry(Generic[T]):
-    """The alternatives of one config group, by name; `T` is the protocol that all of them fulfil.
-
-    `group` is the config group, `package` the package whose modules register alternatives. Both
-    are names, so a registry imports nothing until a name is looked for.
-    """
-
-    def __init__(self, group: str, package: str) -> None:
-        self.group = group
-        self.package = package
-        self._known: dict[str, type[T]] = {}
-
-    def register(self, kind: Kind) -> Kind:
-        """Class decorator: register a settings class under each name that its field `name` allows.
-
-        Raises ConfigError if another class has that name.
-        """
-        for name in get_args(get_type_hints(kind)["name"]):
-            other = self._known.setdefault(name, kind)
-            if _path(other) != _path(kind):
-                raise ConfigError(
-                    f"{self.group}: both {_path(other)} and {_path(kind)} are named '{name}'"
-                )
-            self._known[name] = kind
-        return kind
-
-    def find(self, name: str, key: str = "") -> type[T]:
-        """The settings class of that name.
-
-        It is looked for among the registered classes, then in the package's modules, first in one
-        named like the alternative or in a package of that name, then in plug-ins. Raises
-        ConfigError, which names `key` (default: the group) and the known names.
-        """
-        if name not in self._known:
-            for _ in self._imported(name):
-                if name in self._known:
-                    break
-        if name not in self._known:
-            known = ", ".join(sorted(self._known))
-            raise ConfigError(f"{key or self.group}.name is '{name}': choose one of {known}")
-        return self._known[name]
-
-    def alternatives(self) -> dict[str, type[T]]:
-        """All settings classes by name, including those of plug-ins. Imports all their modules."""
-        for _ in self._imported(""):
-            pass
-        return dict(sorted(self._known.items()))
-
-    def _imported(self, name: str) -> Iterator[None]:
-        """Imports what may register the name, a module or plug-in a step, likely ones first."""
-        package = import_module(self.package)
-        found = [
-            module.name for module in pkgutil.walk_packages(package.__path__, f"{self.package}.")
-        ]
-        for module in sorted(found, key=lambda module: name not in module.split(".")):
-            import_module(module)
-            yield
-        from importlib.metadata import entry_points  # takes 20 ms and is rarely needed
-
-        for plug_in in entry_points(group=f"hlp.{self.group}"):
-            try:
-                plug_in.load()
-            except Exception as error:
-                error.add_note(f"while loading the plug-in {plug_in.value} ({plug_in.group})")
-                raise
-            yield
-
-
-def _path(kind: type) -> str:
-    return f"{kind.__module__}.{kind.__qualname__}"
-
 
 Count = Annotated[int, Ge(1)]
 NotNegative = Annotated[float, Ge(0)]
@@ -120,14 +49,29 @@ _MISSING = dataclasses.MISSING
 _LONGEST = 60  # characters of a value or of a list of keys that a message shows
 _MOST = 1e6  # of a number whose field states no upper bound: no sound value comes near
 _MOST_OF_UNITS = {"_deg": 360, "_mm": 1e5, "_cm": 1e4, "_px": 1e5}
+_A_MAPPING = "a mapping of keys to values"
+_PLAIN: dict[Any, tuple[Any, str]] = {
+    bool: ((bool,), "true or false"),
+    int: ((numbers.Integral,), "a whole number"),
+    float: ((numbers.Real,), "a number"),
+    str: ((str, PathLike), "text"),
+    types.NoneType: ((types.NoneType,), "null"),
+}
+"""What stands for a value of a plain type, and what the type is called."""
+_BOUNDS = (
+    ("ge", "at least", operator.ge),
+    ("gt", "above", operator.gt),
+    ("le", "at most", operator.le),
+    ("lt", "below", operator.lt),
+)
 
 
 class SettingsError(ConfigError):
-    """A wrong value in settings: its `key` and the `problem`."""
+    """A wrong value in settings: its `key` and the `problem`; the `kind` that its type demands."""
 
-    def __init__(self, key: str, problem: str) -> None:
-        super().__init__(key, problem)
-        self.key, self.problem = key, problem
+    def __init__(self, key: str, problem: str, kind: str = "") -> None:
+        super().__init__(key, problem, kind)
+        self.key, self.problem, self.kind = key, problem, kind
 
     def __str__(self) -> str:
         return shortened(f"{self.key} {self.problem}")
@@ -145,20 +89,11 @@ class Settings:
         """Raise SettingsError naming the first field of a wrong type or out of range."""
         for name, kind in _fields(cast(Any, type(self))).items():
             unit = next((unit for unit in _MOST_OF_UNITS if name.endswith(unit)), "")
-            if mistake := mistake_in(kind, getattr(self, name), _MOST_OF_UNITS.get(unit, _MOST)):
-                problem = f"is {shown(mistake.value)}: it must be {mistake.expected}"
-                raise SettingsError(".".join((name, *mistake.place)), problem)
+            _fitted(kind, getattr(self, name), name, _MOST_OF_UNITS.get(unit, _MOST))
 
 
 class Stored(Settings):
     """Base of what a JSON file holds. Keys that are not declared are left out."""
-
-
-@dataclass(frozen=True)
-class ReadBy:
-    """Annotates a type whose plain values are turned into others before they are checked."""
-
-    convert: Callable[[Any], Any]
 
 
 def read_settings(kind: type[T], values: Mapping[str, Any], key: str = "") -> T:
@@ -176,15 +111,10 @@ def stored_as(kind: type[T], content: Any, where: str) -> T:
 
     Raises DataError that begins with `where` and says what stood there and what is expected.
     """
-    whole = type_of(kind)
     try:
-        value = _read(whole, content, "")
+        return cast(T, _fitted(_type_of(kind), content, ""))
     except SettingsError as error:
-        raise DataError(f"{where}: {error}") from error
-    if mistake := mistake_in(whole, value, math.inf):
-        key = ".".join(mistake.place) or "the content"
-        raise DataError(f"{where}: {key} is {shown(mistake.value)}: it must be {mistake.expected}")
-    return cast(T, value)
+        raise DataError(f"{where}: {error.key or 'the content'} {error.problem}") from error
 
 
 def read_as(path: Path, kind: type[T]) -> T:
@@ -197,55 +127,126 @@ def shown(value: Any) -> str:
     return _cut("null" if value is None else repr(value))
 
 
-def defaults_of(kind: type, name: str | None = None) -> dict[str, Any]:
-    """Default values of a settings class as plain values; `???` (Hydra's mark) where it has none.
+class _Type(NamedTuple):
+    """A type, taken apart once: what it is made of, and what its annotations say."""
 
-    `name` replaces the default name, for a class with several names.
-    """
-    plain: dict[str, Any] = {}
-    for field in dataclasses.fields(kind):
-        value = field.default
-        if field.default_factory is not _MISSING:
-            value = field.default_factory()
-        if value is _MISSING:
-            value = "???"
-        plain[field.name] = dataclasses.asdict(value) if isinstance(value, Settings) else value
-    return plain if name is None else {**plain, "name": name}
+    hint: Any
+    origin: Any
+    parts: tuple[Any, ...]
+    facts: tuple[Any, ...] = ()
+    bounds: tuple[tuple[str, Callable[[Any, Any], bool], Any], ...] = ()
+    is_record: bool = False
+
+
+def _type_of(hint: Any) -> _Type:
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        bare, facts = _type_of(parts[0]), parts[1:]
+        bounds = (
+            (f"{words} {bound}", holds, bound)
+            for fact in facts
+            for name, words, holds in _BOUNDS
+            if (bound := getattr(fact, name, None)) is not None
+        )
+        for fact in facts:
+            if isinstance(fact, Len):  # a list of that many
+                bare = bare._replace(parts=bare.parts[:1] * fact.min_length)
+        return bare._replace(facts=facts, bounds=tuple(bounds))
+    if origin is types.UnionType:
+        origin = Union
+    if origin is not Literal:
+        parts = tuple(part if part is Ellipsis else _type_of(part) for part in parts)
+    return _Type(hint, origin, parts, is_record=dataclasses.is_dataclass(hint))
 
 
 @cache
-def _fields(kind: Any) -> dict[str, ValueType]:
+def _fields(kind: Any) -> dict[str, _Type]:
     """Types of a settings class's fields."""
     hints = get_type_hints(kind, include_extras=True)
-    return {field.name: type_of(hints[field.name]) for field in dataclasses.fields(kind)}
+    return {field.name: _type_of(hints[field.name]) for field in dataclasses.fields(kind)}
 
 
-def _read(kind: ValueType, value: Any, key: str) -> Any:
-    """The value as its type has it; what does not fit stays, for the settings to complain of."""
+def _fitted(kind: _Type, value: Any, key: str, most: float = math.inf) -> Any:
+    """The value as its type has it. Raises SettingsError for one that the type does not allow.
+
+    `most` bounds the size of numbers whose type states no upper bound. Bounds hold for a number,
+    and not for the null that it may be too. A function among the annotations turns plain values
+    into others first.
+    """
     origin, parts = kind.origin, kind.parts
+    if any(holds in (operator.le, operator.lt) for _, holds, _ in kind.bounds):
+        most = math.inf
     for fact in kind.facts:
         if isinstance(fact, Registry):
-            return _chosen(fact, value, key)
-        if isinstance(fact, ReadBy):
-            value = fact.convert(value)
-    if origin is None:
-        if kind.hint is float and type(value) is int and abs(value) < sys.float_info.max:
-            return float(value)
-        is_record = isinstance(value, Mapping) and dataclasses.is_dataclass(kind.hint)
-        return _read_record(kind.hint, value, key) if is_record else value
-    if origin is Union:
-        for part in parts:
-            inner = _read(part, value, key)
-            if mistake_in(part, inner, math.inf) is None:
-                return inner
-    elif origin in (tuple, list) and isinstance(value, tuple | list):
-        kinds = kinds_of_items(parts, len(value))
-        places = (_join(key, str(i)) for i in range(len(value)))
-        if len(kinds) == len(value):
-            return origin(map(_read, kinds, value, places))
-    elif origin is dict and isinstance(value, Mapping):
-        return {name: _read(parts[1], inner, _join(key, name)) for name, inner in value.items()}
-    return value
+            return value if dataclasses.is_dataclass(value) else _chosen(fact, value, key)
+        if isinstance(fact, types.FunctionType):
+            value = fact(value)
+    fitted = value
+    if kind.is_record:
+        if not isinstance(value, kind.hint):
+            fitted = _read_record(kind.hint, value, key)
+    elif origin is None:
+        fitted = _plain(kind.hint, value, key, most)
+    elif origin is Literal and value not in parts:
+        raise _wrong(key, value, " or ".join(map(repr, parts)))
+    elif origin is Union:
+        fitted = _one_of(parts, value, key, most)
+    elif origin is dict:
+        items = _mapping(value, key).items()
+        fitted = {name: _fitted(parts[1], item, _join(key, name), most) for name, item in items}
+    elif origin in (tuple, list):
+        fitted = origin(_items(parts, value, key, most))
+    if kind.bounds and isinstance(fitted, int | float):
+        for words, holds, bound in kind.bounds:
+            if not holds(fitted, bound):
+                raise _wrong(key, value, words)
+    return fitted
+
+
+def _items(parts: tuple[Any, ...], value: Any, key: str, most: float) -> list[Any]:
+    if not isinstance(value, tuple | list):
+        raise _wrong(key, value, "a list", "a list")
+    repeated = len(parts) == 1 or parts[1] is Ellipsis
+    if not repeated and len(parts) != len(value):
+        raise _wrong(key, value, f"a list of {len(parts)}")
+    return [
+        _fitted(parts[0 if repeated else place], item, _join(key, str(place)), most)
+        for place, item in enumerate(value)
+    ]
+
+
+def _plain(hint: Any, value: Any, key: str, most: float) -> Any:
+    is_number = hint is int or hint is float
+    if type(value) is not hint:  # mostly it is; lists of targets have thousands
+        kinds, words = _PLAIN.get(hint, (object, ""))
+        if not isinstance(value, kinds) or (is_number and isinstance(value, bool)):
+            raise _wrong(key, value, words, words)
+    if not is_number:
+        return value
+    if not abs(value) <= sys.float_info.max:
+        raise _wrong(key, value, "a finite number")
+    if abs(value) > most:
+        raise _wrong(key, value, f"at most {most:g}" if value > 0 else f"at least {-most:g}")
+    return float(value) if hint is float and type(value) is int else value
+
+
+def _one_of(parts: tuple[_Type, ...], value: Any, key: str, most: float) -> Any:
+    """As the first type that allows it; what is wrong within a value goes before its kind."""
+    problems = []
+    for part in parts:
+        try:
+            return _fitted(part, value, key, most)
+        except SettingsError as error:
+            problems.append(error)
+    for problem in problems:
+        if problem.key != key or not problem.kind:
+            raise problem
+    kinds = " or ".join(problem.kind for problem in problems)
+    raise _wrong(key, value, kinds, kinds)
+
+
+def _wrong(key: str, value: Any, expected: str, kind: str = "") -> SettingsError:
+    return SettingsError(key, f"is {shown(value)}: it must be {expected}", kind)
 
 
 def _chosen(registry: Registry[Any], value: Any, key: str) -> Any:
@@ -268,7 +269,7 @@ def _read_record(kind: type, value: Any, key: str) -> Any:
         if required and field.name not in given:
             missing = _join(key, field.name)
             raise SettingsError(missing, "is missing") if stored else _not_set(missing)
-    read = {name: _read(kinds[name], inner, _join(key, name)) for name, inner in given.items()}
+    read = {name: _fitted(kinds[name], inner, _join(key, name)) for name, inner in given.items()}
     try:
         return kind(**read)
     except SettingsError as error:
@@ -277,7 +278,7 @@ def _read_record(kind: type, value: Any, key: str) -> Any:
 
 def _mapping(value: Any, key: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise SettingsError(key, f"is {shown(value)}: it must be {A_MAPPING}")
+        raise _wrong(key, value, _A_MAPPING, _A_MAPPING)
     return value
 
 
@@ -286,12 +287,12 @@ def _instead(name: str, known: list[str]) -> str:
     return f"did you mean {alike[0]}?" if alike else f"there are {_cut(', '.join(known))}"
 
 
-def _not_set(key: str) -> SettingsError:
-    return SettingsError(key, f"is not set: set {key}=VALUE")
-
-
 def _cut(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def _not_set(key: str) -> SettingsError:
+    return SettingsError(key, f"is not set: set {key}=VALUE")
 
 
 def _join(key: str, name: str) -> str:

@@ -1,24 +1,19 @@
-"""What is seen in frames alone: intrinsics, units, registration."""
+"""What is seen in frames alone: unreadable files, intrinsics, units."""
 
-import re
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 from faults import FOCAL, with_depth, with_matrix
 from hlp.checks.frame_checks import (
-    Registration,
     check_depth_scale,
     check_intrinsics,
     check_object_size,
-    check_registration,
-    find_registration,
+    read_frames,
 )
+from hlp.errors import DataError
 from hlp.records import Frame
-
-K = np.array([[60.0, 0, 32], [0, 61, 23], [0, 0, 1]])
 
 
 def test_a_healthy_frame_has_no_finding(frames, models):
@@ -64,55 +59,33 @@ def test_a_mesh_in_centimetres_is_named(models):
     assert finding.where == tiny.name and "mesh_scale=0.01" in finding.advice
 
 
-@pytest.mark.parametrize("shift", [(10, 0), (-10, 0), (0, 12), (8, -8)])
-def test_shifted_depth_is_named_with_the_shift_back(frames, shift):
-    moved = [
-        replace(frame, depth=np.roll(frame.depth, (shift[1], shift[0]), axis=(0, 1)))
-        for frame in frames
-    ]
-    (finding,) = check_registration(moved)
-    assert finding.kind == "registration"
-    x, y = (int(part) for part in finding.problem.split("(")[1].split(")")[0].split(","))
-    assert abs(x + shift[0]) <= 1 and abs(y + shift[1]) <= 1
+FRAME = Frame(0, 0, np.zeros((8, 8, 3), np.uint8), np.ones((8, 8), np.float32), np.eye(3))
+KEYS = [f"000001_{i:06d}" for i in range(9)]
 
 
-def test_registered_depth_has_no_finding_nor_has_an_image_without_edges(frames):
-    assert check_registration(frames) == []
-    assert check_registration(frames[:1]) == []
-    flat = replace(frames[0], depth=np.ones_like(frames[0].depth))
-    assert check_registration([flat]) == []
-    assert check_registration([]) == []
+def _loader(frame, refused):
+    def load(key):
+        if key in refused:
+            raise DataError(f"{key} is odd")
+        return frame
+
+    return load
 
 
-def test_noise_has_no_finding():
-    rng = np.random.default_rng(0)
-    rgb = rng.integers(0, 255, (120, 160, 3)).astype(np.uint8)
-    depth = rng.uniform(0.5, 1.5, (120, 160)).astype(np.float32)
-    assert check_registration([Frame(0, 0, rgb, depth, np.eye(3))]) == []
+@pytest.mark.parametrize(("odd", "shown", "more"), [(1, 1, ""), (3, 3, ""), (7, 3, "4 more")])
+def test_of_many_files_that_cannot_be_read_the_first_are_named(odd, shown, more):
+    kept, findings = read_frames(_loader(FRAME, KEYS[:odd]), KEYS, 9)
+    assert len(kept) == len(KEYS) - odd
+    assert [item.kind for item in findings] == ["files"] * shown
+    assert [finding.where[:13] for finding in findings] == KEYS[:shown]
+    assert more in findings[-1].where and ("more" in findings[-1].where) == bool(more)
 
 
-def test_depth_of_another_camera_is_named_with_its_intrinsics(frames):
-    """As of a camera whose depth is not registered: smaller, higher and turned."""
-    size = frames[0].depth.shape[::-1]
-    for turn in (0.0, 3.0):
-        motion = cv2.getRotationMatrix2D(((size[0] - 1) / 2, (size[1] - 1) / 2), turn, 0.75)
-        motion[1, 2] -= 20
-        moved = [replace(f, depth=cv2.warpAffine(f.depth, motion, size, flags=0)) for f in frames]
-        found = find_registration(moved, whole=True)
-        assert abs(found.scale - 4 / 3) < 0.05 and abs(found.turn - turn) <= 1.5
-        assert abs(found.down - 20 * 4 / 3) <= 4 and abs(found.right) <= 4
-        back = found.frame(moved[0])
-        both = (back.depth > 0) & (frames[0].depth > 0)
-        assert np.median(np.abs(back.depth - frames[0].depth)[both]) < 0.01
-    (finding,) = check_registration(moved, whole=True)
-    assert "depth_intrinsics" not in finding.advice
-    assert find_registration(frames, whole=True) is None
-
-
-def test_the_depth_intrinsics_show_the_same_pixels():
-    frame = Frame(0, 0, np.zeros((48, 64, 3), np.uint8), np.zeros((48, 64), np.float32), K)
-    place = Registration(1.25, 0.0, 4, -6)
-    fx, fy, cx, cy = map(float, re.findall(r"[-\d.]+", place.depth_intrinsics(frame)))
-    ray = np.array([0.1, -0.05])
-    seen = place.motion((64, 48)) @ [*(ray * [fx, fy] + [cx, cy]), 1.0]
-    np.testing.assert_allclose(seen, ray * [K[0, 0], K[1, 1]] + K[:2, 2], atol=0.1)
+def test_frames_whose_values_make_no_sense_are_kept_with_a_finding():
+    load, read = _loader(FRAME, KEYS[:2]), _loader(FRAME, KEYS[1:2])
+    kept, findings = read_frames(load, KEYS, 9, read)
+    assert len(kept) == len(KEYS) - 1
+    assert {(finding.kind, finding.where) for finding in findings} == {
+        ("values", KEYS[0]),
+        ("files", KEYS[1]),
+    }

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from hlp.codebook.inverted_lists import InvertedLists, InvertedListsSettings
 from hlp.codebook.neighbours import ExactNeighbours, KdForest
 
 
@@ -35,20 +36,14 @@ def recall(matches, exact):
 
 def test_a_forest_finds_most_neighbours_and_more_with_more_checks():
     exact = ExactNeighbours(FEATURES, 3).search(QUERIES)
-    recalls = [
-        recall(KdForest(FEATURES, 3, 4, checks, seed=0).search(QUERIES), exact)
-        for checks in (8, 64, 3000)
-    ]
+    found = [KdForest(FEATURES, 3, 4, checks, seed=0).search(QUERIES) for checks in (8, 64, 3000)]
+    recalls = [recall(matches, exact) for matches in found]
     assert recalls[0] < recalls[1] <= recalls[2]
     assert recalls[1] > 0.85
     assert recalls[2] > 0.999
-
-
-def test_a_forests_distances_are_euclidean_and_ascend():
-    matches = KdForest(FEATURES, 3, 4, 64, seed=0).search(QUERIES)
-    expected = np.linalg.norm(FEATURES[matches.indices] - QUERIES[:, None], axis=2)
-    np.testing.assert_allclose(matches.distances, expected, rtol=1e-4)
-    assert (np.diff(matches.distances, axis=1) >= 0).all()
+    expected = np.linalg.norm(FEATURES[found[1].indices] - QUERIES[:, None], axis=2)
+    np.testing.assert_allclose(found[1].distances, expected, rtol=1e-4)
+    assert (np.diff(found[1].distances, axis=1) >= 0).all()
 
 
 def test_a_forest_is_a_function_of_its_seed():
@@ -62,19 +57,19 @@ def test_a_forest_is_a_function_of_its_seed():
 
 
 @pytest.mark.parametrize(
-    "make", [lambda f: ExactNeighbours(f, 3), lambda f: KdForest(f, 3, 4, 32, seed=0)]
+    "make",
+    [
+        lambda features: ExactNeighbours(features, 3),
+        lambda features: KdForest(features, 3, 4, 32, seed=0),
+        lambda features: InvertedLists(features, InvertedListsSettings(lists=4), seed=0),
+    ],
 )
-def test_small_codebooks_and_no_queries(make):
+def test_small_codebooks_no_queries_and_queries_of_any_layout(make):
     few = make(FEATURES[:2]).search(QUERIES[:5])
     assert few.indices.shape == few.distances.shape == (5, 2)
     assert (np.sort(few.indices, axis=1) == [0, 1]).all()
-    none = make(FEATURES).search(QUERIES[:0])
+    search = make(np.tile(FEATURES, (2, 1)))
+    none = search.search(QUERIES[:0])
     assert none.indices.shape == none.distances.shape == (0, 3)
-
-
-def test_queries_of_any_layout_and_precision():
     wide = np.asfortranarray(QUERIES[:20].astype(np.float64))
-    for search in (ExactNeighbours(FEATURES, 3), KdForest(FEATURES, 3, 4, 64, seed=0)):
-        np.testing.assert_array_equal(
-            search.search(wide).indices, search.search(QUERIES[:20]).indices
-        )
+    np.testing.assert_array_equal(search.search(wide).indices, search.search(QUERIES[:20]).indices)

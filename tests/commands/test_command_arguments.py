@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from hydra.errors import HydraException
 
-from hlp.cli import COMMANDS, main
+from hlp.cli import main
 from hlp.commands import arguments as own
 from hlp.commands.learn import learning_request
 from hlp.data.own_frames import FrameFiles
 from hlp.errors import InputError
-from hlp.method.learn.mesh_models import MeshChoices, build_models
 from hlp.method.settings import MethodSettings
 
 
@@ -58,13 +58,9 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
         ),
         (["predict", "learnt=x", "rgb=a", "depth_scale=1"], "depth is not set: give depth="),
         (["learn", "mehs=a.ply"], "mehs is not a key of `hlp learn`: did you mean mesh?"),
-        (["learn", "names=a"], "mesh is not set: give mesh=FILE"),
+        (["learn", "names=a"], "mesh is not set: give mesh="),
         (["objects", "lst"], "cannot use 'lst': did you mean list? see `hlp objects --help`"),
-        (
-            ["objects", "export", "a"],
-            "FOLDER is missing: `hlp objects export NAME|RUN FOLDER`",
-        ),
-        (["objects", "show"], "NAME|FOLDER is missing: `hlp objects show NAME|FOLDER`"),
+        (["objects", "export", "a"], "cannot use 'export a': see `hlp objects --help`"),
         (["report", "experimnt=demo"], "experimnt is not a key of `hlp report`: did you mean exp"),
         (
             ["notebooks", "folder=here"],
@@ -72,7 +68,7 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
         ),
         (["clean", "dry=perhaps"], "dry=perhaps: it is true or false"),
         (["ui", "open=perhaps"], "open=perhaps: it is true or false"),
-        (["ui", "port=here"], "port=here: it is a number"),
+        (["ui", "port=here"], "port=here: it must be a whole number"),
         (["upload", "send"], "cannot use 'send': arguments have the form KEY=VALUE"),
         (["download", "output=x"], "'output=x': the name of a data set comes first"),
     ],
@@ -92,15 +88,6 @@ def test_settings_are_read_from_their_own_keys():
         own.read_group(FrameFiles, given | {"depth_scale": "0"})
 
 
-def test_a_key_may_be_given_for_one_object():
-    given = {"symmetries.cat": "none", "colors.my.obj": "false", "colors.cat": "true"}
-    given |= {"colors": "x", "codebook.cat": "y"}
-    found = own.of_single(given, ("symmetries", "colors"), ("cat", "my.obj"))
-    assert found == {"cat": {"symmetries": "none", "colors": "true"}, "my.obj": {"colors": "false"}}
-    with pytest.raises(ValueError, match=r"colors\.dog: there is no object 'dog': cat, my"):
-        own.of_single({"colors.dog": "x"}, ("colors",), ("cat", "my"))
-
-
 @pytest.fixture
 def meshes(tmp_path: Path) -> list[str]:
     paths = [tmp_path / f"{name}.ply" for name in "ab"]
@@ -110,13 +97,12 @@ def meshes(tmp_path: Path) -> list[str]:
 
 
 def test_each_mesh_is_learnt_with_its_own_choices(meshes):
-    given = {"symmetries": "none", "symmetries.b": "found", "colors.a": "false", "encoder": "pca"}
-    request = learning_request(given, meshes, ())
-    models = build_models(request.meshes, request.choices, 1, request.own_choices)
+    given = {"symmetries": "none", "symmetries.b": "found", "holistic_size_mm.a": "80"}
+    models = learning_request(given, meshes, ()).models
+    assert [model.name for model in models.values()] == ["a", "b"]
     assert len(models[1].symmetries) == 1 < len(models[2].symmetries)
-    assert request.own_choices["a"] == MeshChoices(symmetries="none", colors=False)
-    assert request.choices.colors and request.own_choices["b"].colors
-    with pytest.raises(ValueError, match="there is no object 'c'"):
+    assert models[1].holistic_size == 0.08 != models[2].holistic_size
+    with pytest.raises(HydraException, match=r"colors\.c"):
         learning_request({"colors.c": "false"}, meshes, ())
 
 
@@ -167,17 +153,3 @@ def test_mlflows_own_variable_is_honoured(monkeypatch: pytest.MonkeyPatch) -> No
     assert own.tracking_uri("here") == "sqlite:///here/mlflow.db"
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://server:5000")
     assert own.tracking_uri("here") == "http://server:5000"
-
-
-@pytest.mark.parametrize(
-    ("words", "goes_on"),
-    [
-        (["predict", "output=a"], True),
-        (["predict"], False),  # the next call has another folder
-        (["predict", "output=a", "track=true"], False),
-        (["run"], True),
-        (["live", "output=a"], False),
-    ],
-)
-def test_a_command_says_whether_it_goes_on_where_it_was_stopped(words, goes_on) -> None:
-    assert COMMANDS[words[0]].continues(words[1:]) == goes_on

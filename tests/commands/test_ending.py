@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,12 +23,13 @@ def interruptible() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.parametrize("continues", [True, False])
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_stopped_command_closes_what_is_open_and_says_one_line(
-    number: signal.Signals, code: int, capsys: pytest.CaptureFixture[str]
+    number: signal.Signals, code: int, continues: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before, closed = signal.getsignal(signal.SIGTERM), []
-    with pytest.raises(SystemExit) as ended, stops_in_one_line():
+    with pytest.raises(SystemExit) as ended, stops_in_one_line(continues), fails_in_one_line():
         try:
             signal.raise_signal(number)
         finally:
@@ -38,20 +38,9 @@ def test_a_stopped_command_closes_what_is_open_and_says_one_line(
             closed.append(True)
     assert ended.value.code == code
     assert closed == [True]
-    assert capsys.readouterr().err.count("\n") == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and ("continues from here" in said) == continues
     assert signal.getsignal(signal.SIGTERM) is before
-
-
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_only_some_commands_go_on_where_they_were_stopped(
-    number: signal.Signals, code: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for continues in (True, False):
-        with pytest.raises(SystemExit) as ended, stops_in_one_line(continues), fails_in_one_line():
-            signal.raise_signal(number)
-        assert ended.value.code == code
-        said = capsys.readouterr().err
-        assert said.count("\n") == 1 and ("continues from here" in said) == continues
 
 
 @pytest.mark.parametrize(
@@ -93,20 +82,6 @@ def test_messages_appear_on_one_stream(stream: str, capsys: pytest.CaptureFixtur
     assert said.out == ("3 views\n" if stream == "stdout" else "")
     assert said.err == ("3 views\n" if stream == "stderr" else "")
     assert logging.getLogger("hlp").level == before
-
-
-def test_other_threads_are_left_alone() -> None:
-    """Only the main thread may set handlers of signals."""
-    done = []
-
-    def work() -> None:
-        with stops_in_one_line():
-            done.append(True)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert done == [True]
 
 
 @pytest.mark.parametrize(("task", "code"), [("print('x' * size)", 141), ("raise error", 1)])

@@ -1,7 +1,5 @@
 """What every `hlp COMMAND --help` has: a usage, examples, and lines that fit a terminal."""
 
-from pathlib import Path
-
 import pytest
 import yaml
 
@@ -34,13 +32,3 @@ def test_help_of_run_lists_every_alternative_once() -> None:
 def test_help_of_notebooks_names_each_of_them() -> None:
     for path in shipped_folder("notebooks").glob("*.ipynb"):
         assert f"  {path.stem} " in help_text("notebooks")
-
-
-@pytest.mark.parametrize(
-    "form", [["--config-dir", "{}"], ["--config-dir={}"], ["hydra.searchpath=[file://{}]"]]
-)
-def test_help_of_run_lists_alternatives_of_ones_own(form: list[str], tmp_path: Path) -> None:
-    (tmp_path / "refinement").mkdir()
-    (tmp_path / "refinement" / "quick.yaml").write_text("defaults: [pso]\n")
-    given = ["--help", *(word.format(tmp_path) for word in form)]
-    assert "refinement: icp, none, paper, pso, quick" in help_text("run", given)

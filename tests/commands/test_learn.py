@@ -15,7 +15,7 @@ from hlp.commands.learn import learnt_of_run
 from hlp.config.build import Run, build_run
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.method.learn.learnt_folder import LearntFolder, check_files
-from hlp.stages.manifest import made_outputs
+from hlp.stages.manifest import named_outputs
 from tiny_run import TinyRun
 
 pytestmark = pytest.mark.slow
@@ -38,7 +38,8 @@ def run(tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch) -> Run:
 def test_a_folder_holds_what_the_run_has_learnt(tiny_run: TinyRun, exported: Path) -> None:
     learnt = LearntFolder(exported)
     check_files(exported, learnt.record)
-    made = made_outputs(tiny_run.output / "manifest.json")
+    events = named_outputs(tiny_run.output / "manifest.json")
+    made = {(event.stage, event.of): event.fingerprint for event in events}
     assert {("codebook", name) for name in learnt.record.objects} <= made.keys()
     for name, object_id in learnt.record.objects.items():
         stage = tiny_run.folder / "work" / "codebook" / made["codebook", name]

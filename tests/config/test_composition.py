@@ -1,9 +1,9 @@
 """The settings' defaults as Hydra sees them, and YAML files that say no more than they must."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 import pytest
 from hydra import compose, initialize_config_dir
@@ -12,15 +12,15 @@ from omegaconf import OmegaConf
 from typing_extensions import Doc
 
 from hlp.commands.composing import compose_config
-from hlp.config.composition import group_kinds, groups_of, overrides_of, rows
+from hlp.config.composition import defaults_of, group_kinds, groups_of, overrides_of, rows
 from hlp.config.settings import RunSettings
 from hlp.refinement.pso import PsoSettings
-from hlp.settings import Registry, Settings, defaults_of
+from hlp.settings import Registry, Settings
 
 CONF = Path(__file__).parents[2] / "conf"
 
 
-def settings_classes() -> list[type]:
+def settings_classes():
     found: list[type] = [RunSettings]
     for kind in group_kinds().values():
         registered = kind.alternatives().values() if isinstance(kind, Registry) else [kind]
@@ -36,7 +36,7 @@ def settings_classes() -> list[type]:
 
 
 @pytest.mark.parametrize("kind", settings_classes(), ids=lambda kind: kind.__name__)
-def test_every_field_says_what_it_means(kind: type) -> None:
+def test_every_field_says_what_it_means(kind):
     for name, hint in get_type_hints(kind, include_extras=True).items():
         if name not in {field.name for field in dataclasses.fields(kind)} - {"name"}:
             continue
@@ -46,7 +46,7 @@ def test_every_field_says_what_it_means(kind: type) -> None:
         assert nested or grouped or any(said), f"{kind.__name__}.{name} has no Doc"
 
 
-def yaml_files() -> Iterator[tuple[str, str, str | None]]:
+def yaml_files():
     """Every alternative with its path and the settings class's name that it is based on."""
     for group in group_kinds():
         for path in sorted((CONF / group).glob("*.yaml")):
@@ -57,7 +57,7 @@ def yaml_files() -> Iterator[tuple[str, str, str | None]]:
 
 
 @pytest.mark.parametrize(("group", "stem", "base"), list(yaml_files()))
-def test_a_file_says_its_name_and_what_differs(group: str, stem: str, base: str | None) -> None:
+def test_a_file_says_its_name_and_what_differs(group, stem, base):
     values = OmegaConf.to_container(OmegaConf.load(CONF / group / f"{stem}.yaml"))
     assert isinstance(values, dict) and values.pop("name")
     del values["defaults"]
@@ -66,7 +66,7 @@ def test_a_file_says_its_name_and_what_differs(group: str, stem: str, base: str 
     assert list(repeated(values, defaults_of(found, base))) == []
 
 
-def repeated(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Iterator[str]:
+def repeated(values, defaults):
     for key, value in values.items():
         if isinstance(value, Mapping) and isinstance(defaults[key], Mapping) and defaults[key]:
             yield from (f"{key}.{inner}" for inner in repeated(value, defaults[key]))
@@ -74,13 +74,13 @@ def repeated(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Iterator
             yield key
 
 
-def composed(folder: Path, *overrides: str) -> Any:
+def composed(folder, *overrides):
     path = f"hydra.searchpath=[file://{folder}]"
     with initialize_config_dir(str(CONF), version_base="1.3"):
         return compose("config", overrides=["output=out", path, *overrides])
 
 
-def test_a_file_of_ones_own_starts_from_the_defaults(tmp_path: Path) -> None:
+def test_a_file_of_ones_own_starts_from_the_defaults(tmp_path):
     (tmp_path / "refinement").mkdir()
     (tmp_path / "refinement" / "mine.yaml").write_text(
         "defaults:\n  - base_pso\n  - _self_\nname: pso\nparticles: 7\n"
@@ -91,7 +91,7 @@ def test_a_file_of_ones_own_starts_from_the_defaults(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("group", sorted({*rows()} & {*group_kinds()}))
-def test_a_row_stands_for_the_defaults_of_its_class(group: str, tmp_path: Path) -> None:
+def test_a_row_stands_for_the_defaults_of_its_class(group, tmp_path):
     for name, what in rows()[group].items():
         kind = group_kinds()[group]
         found = kind.find(name) if isinstance(kind, Registry) else kind
@@ -101,7 +101,7 @@ def test_a_row_stands_for_the_defaults_of_its_class(group: str, tmp_path: Path) 
         assert not (CONF / group / f"{name}.yaml").exists()
 
 
-def test_defaults_that_are_not_there_are_no_file(tmp_path: Path) -> None:
+def test_defaults_that_are_not_there_are_no_file(tmp_path):
     for group, base in (("refinement", "base_psi"), ("patches", "base_hlp"), ("voting", "base")):
         (tmp_path / group).mkdir()
         (tmp_path / group / "mine.yaml").write_text(f"defaults:\n  - {base}\nname: pso\n")
@@ -109,7 +109,7 @@ def test_defaults_that_are_not_there_are_no_file(tmp_path: Path) -> None:
             composed(tmp_path, f"{group}=mine")
 
 
-def test_overrides_as_text_by_key() -> None:
+def test_overrides_as_text_by_key():
     given = ["+refinement.particles=25", "encoder=pca", "data.objects=[5,5]", "~voting", "seed=1,2"]
     assert overrides_of(given) == {
         "refinement.particles": "25",
@@ -118,21 +118,19 @@ def test_overrides_as_text_by_key() -> None:
     }
 
 
-def test_where_a_run_is_stored_is_nothing_that_it_was_given() -> None:
+def test_where_a_run_is_stored_is_nothing_that_it_was_given():
     places = ["work=there", "output=here", "experiment=fig9b", "data_folder=../data"]
     groups = ["hydra/launcher=cores", "hydra.sweep.dir=x", "reporting=none", "reporting.uri=y"]
     assert overrides_of([*places, *groups, "seed=1", "workers=2"]) == {"seed": "1", "workers": "2"}
 
 
-def test_groups_without_hydras_own() -> None:
+def test_groups_without_hydras_own():
     choices = {"refinement": "icp", "hydra/launcher": "basic", "data/sizes@_global_": "demo"}
     hydra = OmegaConf.create({"runtime": {"choices": choices}})
     assert groups_of(hydra) == {"refinement": "icp"}
 
 
-def test_mlflow_follows_its_own_variable_and_the_work_folder(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_mlflow_follows_its_own_variable_and_the_work_folder(monkeypatch):
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     own = compose_config("work=there", "experiment=fig9b").reporting
     assert (own.uri, own.experiment) == ("sqlite:///there/mlflow.db", "fig9b")

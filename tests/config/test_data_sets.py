@@ -3,8 +3,6 @@ from omegaconf import OmegaConf
 
 from hlp.commands.composing import compose_config
 from hlp.data.bop import BopSettings
-from hlp.data.linemod import LinemodSettings
-from hlp.evaluation import EvaluationSettings
 from hlp.rendering.views import ViewsSettings
 from hlp.settings import read_settings
 
@@ -33,27 +31,6 @@ def test_an_objects_size_can_be_swept_and_an_object_left_out():
     settings = _typed(BopSettings, _compose("data", "linemod_bop", *overrides))
     assert settings.objects["cat"].local_size_mm == 60.0
     assert "ape" not in settings.objects
-
-
-def test_linemods_first_layout_becomes_typed_settings():
-    settings = _typed(LinemodSettings, _compose("data", "linemod", "data.root=lm"))
-    assert settings.name == "linemod" and len(settings.objects) == 15
-    assert settings.camera_matrix[:3] == pytest.approx([572.4114, 0, 325.2611])
-
-
-@pytest.mark.parametrize(
-    ("policy", "symmetric"),
-    [
-        ("symmetries", None),
-        ("bop", ("bowl", "cup", "eggbox", "glue")),
-        ("eggbox_glue", ("eggbox", "glue")),
-    ],
-)
-def test_policies_of_evaluation_become_typed_settings(policy, symmetric):
-    settings = _typed(EvaluationSettings, _compose("evaluation", policy))
-    assert (settings.name, settings.symmetric) == (policy, symmetric)
-    assert (settings.add_fraction, settings.translation_cm, settings.rotation_deg) == (0.1, 5, 5)
-    assert settings.iou == 0.5
 
 
 def _choices(*overrides):

@@ -8,7 +8,6 @@ import yaml
 from hydra import compose, initialize_config_dir
 
 from hlp.config.build import build_settings
-from hlp.config.settings import RunSettings
 
 pytestmark = pytest.mark.slow  # forty steps are composed
 CONF = Path(__file__).parents[2] / "conf"
@@ -16,19 +15,17 @@ STEPS = sorted(yaml.safe_load((CONF / "ladder.yaml").read_text()))
 BOARD = ("data=bop", "data.root=folder", "output=out", "hydra.mode=RUN")
 
 
-def composed(*overrides: str) -> RunSettings:
+def composed(*overrides):
     with initialize_config_dir(str(CONF), version_base="1.3"):
         return build_settings(compose("config", overrides=[*BOARD, *overrides]))
 
 
 @pytest.fixture(scope="module")
-def steps() -> dict[str, RunSettings]:
+def steps():
     return {name: composed("experiment=ladder", f"ladder={name}") for name in STEPS}
 
 
-def test_the_sweep_runs_every_step_once_after_the_one_it_is_compared_with(
-    steps: dict[str, RunSettings],
-) -> None:
+def test_the_sweep_runs_every_step_once_after_the_one_it_is_compared_with(steps):
     experiment = yaml.safe_load((CONF / "experiment" / "ladder.yaml").read_text())
     swept = [part.strip() for part in experiment["hydra"]["sweeper"]["params"]["ladder"].split(",")]
     assert sorted(swept) == STEPS
@@ -37,16 +34,14 @@ def test_the_sweep_runs_every_step_once_after_the_one_it_is_compared_with(
         assert before is None if number == 0 else before in swept[:number], name
 
 
-def test_it_goes_from_the_paper_to_the_letter_over_what_was_meant_to_our_best(
-    steps: dict[str, RunSettings],
-) -> None:
+def test_it_goes_from_the_paper_to_the_letter_over_what_was_meant_to_our_best(steps):
     ways = (("literal", "paper_literal"), ("entries", "paper"), ("best", "hlp"))
     for name, method in ways:
         expected = composed(f"method={method}", "score.scenes=0").method
         assert steps[name].method == expected, name
 
 
-def test_every_step_changes_the_method_and_says_what(steps: dict[str, RunSettings]) -> None:
+def test_every_step_changes_the_method_and_says_what(steps):
     for name, settings in steps.items():
         if settings.step.before is not None:
             assert settings.method != steps[settings.step.before].method, name
@@ -54,7 +49,7 @@ def test_every_step_changes_the_method_and_says_what(steps: dict[str, RunSetting
     assert len({settings.step.change for settings in steps.values()}) == len(steps)
 
 
-def test_the_last_step_is_only_about_speed(steps: dict[str, RunSettings]) -> None:
+def test_the_last_step_is_only_about_speed(steps):
     last, best = steps["templates"].method, steps["best"].method
     patches = replace(last.patches, name="hlp", grid=best.patches.grid)
     assert replace(last, patches=patches, codebook=best.codebook) == best

@@ -1,65 +1,39 @@
 """Which task a configuration asks for, and on which dataset."""
 
-from pathlib import Path
-
 import pytest
-from hydra import compose, initialize_config_dir
 
-from hlp.config.build import Run, build_settings
-from hlp.runs import runner
-from hlp.studies import basin, bench, oracle, search
+from hlp.commands.composing import compose_config
+from hlp.config.build import build_settings
 from hlp.studies.basin import BasinSettings
 from hlp.studies.bench import BenchSettings
 from hlp.studies.evaluate import EvaluateSettings
 from hlp.studies.oracle import OracleSettings
 from hlp.studies.search import SearchSettings
 
-CONF = Path(__file__).parents[2] / "conf"
-
-
-def configuration(*overrides):
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("config", overrides=["output=out", *overrides])
-
 
 @pytest.mark.parametrize(
-    ("choice", "kind", "module"),
+    ("choice", "kind"),
     [
-        ("experiment=demo", EvaluateSettings, runner),
-        ("experiment=oracle", OracleSettings, oracle),
-        ("experiment=basin", BasinSettings, basin),
-        ("task=bench", BenchSettings, bench),
-        ("task=search", SearchSettings, search),
+        ("experiment=demo", EvaluateSettings),
+        ("experiment=oracle", OracleSettings),
+        ("experiment=basin", BasinSettings),
+        ("task=bench", BenchSettings),
+        ("task=search", SearchSettings),
     ],
 )
-def test_the_configuration_chooses_the_task(choice, kind, module, monkeypatch):
-    settings = build_settings(configuration(choice))
-    assert isinstance(settings.task, kind)
-    called = []
-    for owner, name in (
-        (runner, "run_method"),
-        (oracle, "run_oracle"),
-        (basin, "run_basin"),
-        (bench, "run_bench"),
-        (search, "run_search"),
-    ):
-        monkeypatch.setattr(
-            owner, name, lambda *given, owner=owner: called.append((owner, given[0]))
-        )
-    run = Run(settings, None, (), {})
-    settings.task.run(run, Path("out"))
-    assert called == [(module, run)]
+def test_the_configuration_chooses_the_task(choice, kind):
+    assert isinstance(build_settings(compose_config("output=out", choice)).task, kind)
 
 
 def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
     """So it finds the stages that a run of that dataset has left."""
     board = ("data=linemod_bop", "data.root=lm")
     for experiment in ("oracle", "basin"):
-        demo = build_settings(configuration(f"experiment={experiment}"))
-        assert demo.patches == build_settings(configuration()).patches
-        assert demo.rendering == build_settings(configuration()).rendering
-        own = build_settings(configuration(f"experiment={experiment}", *board))
-        run = build_settings(configuration("experiment=linemod_bop", "data.root=lm"))
+        demo = build_settings(compose_config("output=out", f"experiment={experiment}"))
+        assert demo.patches == build_settings(compose_config("output=out")).patches
+        assert demo.rendering == build_settings(compose_config("output=out")).rendering
+        own = build_settings(compose_config("output=out", f"experiment={experiment}", *board))
+        run = build_settings(compose_config("output=out", "experiment=linemod_bop", "data.root=lm"))
         assert (own.patches, own.rendering) == (run.patches, run.rendering)
         assert own.rendering != demo.rendering and own.name == experiment
 
@@ -68,7 +42,7 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
     ("overrides", "message"),
     [
         (["+task.frame=3"], r"^task\.frame is not a key: did you mean frames\?$"),
-        (["task.noise_deg=wide"], r"^task\.noise_deg is 'wide': it must be a number$"),
+        (["task.agree_mm=wide"], r"^task\.agree_mm is 'wide': it must be a number$"),
         (
             ["task.name=orakel"],
             r"^task\.name is 'orakel': choose one of basin, bench, evaluate, oracle, search$",
@@ -77,21 +51,28 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
 )
 def test_a_wrong_value_is_named_by_its_key(overrides, message):
     with pytest.raises(ValueError, match=message):
-        build_settings(configuration("experiment=oracle", *overrides))
+        build_settings(compose_config("output=out", "experiment=oracle", *overrides))
 
 
 def test_a_refiner_that_is_not_there_is_named_and_others_can_be_added():
     with pytest.raises(ValueError, match=r"^task\.compared names 'psi': choose of pso, icp, none"):
-        build_settings(configuration("experiment=basin", "task.compared=[psi]"))
+        build_settings(compose_config("output=out", "experiment=basin", "task.compared=[psi]"))
     with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.trim is 'much'"):
-        build_settings(configuration("experiment=basin", "task.refiners.icp.trim=much"))
+        build_settings(
+            compose_config("output=out", "experiment=basin", "task.refiners.icp.trim=much")
+        )
     with pytest.raises(
         ValueError, match=r"^task\.refiners\.icp\.name is 'icq': choose one of icp, none, pso$"
     ):
-        build_settings(configuration("experiment=basin", "task.refiners.icp.name=icq"))
+        build_settings(
+            compose_config("output=out", "experiment=basin", "task.refiners.icp.name=icq")
+        )
     task = build_settings(
-        configuration(
-            "experiment=basin", "task.compared=[paper,wide]", "+refinement@task.refiners.wide=pso"
+        compose_config(
+            "output=out",
+            "experiment=basin",
+            "task.compared=[paper,wide]",
+            "+refinement@task.refiners.wide=pso",
         )
     ).task
     assert isinstance(task, BasinSettings)

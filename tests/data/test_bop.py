@@ -112,7 +112,7 @@ def test_of_more_instances_the_most_visible_count_and_only_the_chosen_objects(ro
     assert stated(frames_of(root).load(SOUND).targets) == [(1, 0.9), (6, 0.7)]
     frames = frames_of(root, object_ids=[6])
     assert frames.keys == (SOUND,)
-    assert stated(frames.load(SOUND).targets) == stated(frames.stated_targets(SOUND)) == [(6, 0.7)]
+    assert stated(frames.load(SOUND).targets) == [*frames.stated_targets(SOUND)] == [(6, 0.7)]
     with pytest.raises(KeyError, match=BROKEN):
         frames.load(BROKEN)
     scene_file(root, "scene_gt_info.json").unlink()  # then nobody knows which is more visible
@@ -127,9 +127,6 @@ def test_what_is_no_list_of_targets_or_names_no_frame_is_an_error(root):
         _ = frames_of(root, targets="other.json").keys
     with pytest.raises(FileNotFoundError, match="train"):
         _ = BopFrames(root, "train", None).keys
-    (root / "targets.json").write_text('{"6": [1, 2]}')
-    with pytest.raises(ValueError, match=r"targets\.json: the content is .*a list"):
-        _ = frames_of(root).keys
 
 
 def test_identity_changes_with_pixels_poses_and_targets(root):
@@ -158,13 +155,6 @@ def test_visible_masks_are_read_by_the_number_of_the_annotation(root):
         frames.visible_mask(frame, target)
     path.unlink()
     assert frames.visible_mask(frame, target) is None
-
-
-def test_the_development_frames_hold_all_their_targets(shared_data):
-    frames = BopFrames(shared_data / "lm", "test", "test_targets_bop19.json")
-    assert len(frames) == 202
-    assert sum(sum(counts.values()) for counts in frames.targets.values()) == 1309
-    assert frames.keys[0] == "000006_000000" and frames.keys[-1] == "000008_000004"
 
 
 def test_a_true_pose_lies_on_the_depth_that_was_measured(shared_data):
@@ -201,31 +191,28 @@ UPRIGHT = np.eye(3).ravel()
 CASES = {
     "truncated colour": (truncated("rgb/000012.png"), "000012.png is truncated"),
     "truncated depth": (truncated("depth/000012.png"), "000012.png is truncated"),
-    "no colour": (gone("rgb/000012.png"), "no image"),
     "no depth": (gone("depth/000012.png"), "no image"),
     "another size": (image("rgb/000012.png", np.zeros((30, 40, 3), np.uint8)), "40x30 but its"),
     "8 bits of depth": (image("depth/000012.png", np.ones((60, 80), np.uint8)), "16-bit"),
-    "depth in colours": (image("depth/000012.png", np.ones((60, 80, 3), "u2")), "one channel"),
-    "no camera": (edited("scene_camera.json", lambda _: ...), "has no cam_K for frame 12"),
+    "no camera": (
+        edited("scene_camera.json", lambda _: ...),
+        "frame 12: cam_K is missing",
+    ),
     "no focal length": (camera(cam_K=[0.0, *K[1:]]), "focal lengths must be finite and positive"),
     "intrinsics of a larger image": (
         camera(cam_K=[2 * value for value in K[:8]] + [1]),
         "principal point (80, 60) lies outside the image of 80x60",
     ),
-    "millimetres": (camera(cam_K=[1.9, 0, 40, 0, 1.9, 30, 0, 0, 1]), "fx is 1.9 px"),
-    "columns": (camera(cam_K=np.reshape(K, (3, 3)).T.tolist()), "fx 0 cx 0 fy cy 0 0 1"),
-    "depth_scale 0": (camera(depth_scale=0), "depth_scale"),
+    "millimetres": (camera(cam_K=[1.9, 0, 40, 0, 1.9, 30, 0, 0, 1]), "fx and fy are 1.9"),
     "no pose": (edited("scene_gt.json", lambda _: []), "1 of object 1 should be found, 0 have"),
     "null for a list": (edited("scene_gt.json", lambda _: None), "must be a list"),
-    "an id below 0": (with_pose(obj_id=-1), "obj_id is -1"),
-    "metres": (with_pose(cam_t_m2c=[0.0, 0.0, 0.7]), "are these metres?"),
-    "behind the camera": (with_pose(cam_t_m2c=[0.0, 0.0, -700.0]), "behind the camera"),
-    "micrometres": (with_pose(cam_t_m2c=[0.0, 0.0, 7e5]), "places the object 700 m away"),
+    "metres": (with_pose(cam_t_m2c=[0.0, 0.0, 0.7]), "at 0.0007 m from the camera"),
+    "behind the camera": (with_pose(cam_t_m2c=[0.0, 0.0, -700.0]), "at -0.7 m from the camera"),
+    "micrometres": (with_pose(cam_t_m2c=[0.0, 0.0, 7e5]), "at 700 m from the camera"),
     "a reflection": (
         with_pose(cam_R_m2c=(UPRIGHT * -1).tolist()),
         "not a rotation but a reflection",
     ),
-    "a scaled rotation": (with_pose(cam_R_m2c=(UPRIGHT * 1.01).tolist()), "is not a rotation"),
     "a visible fraction of 2": (visible(2.0), "visib_fract is 2.0: it must be at most 1"),
     "two fractions": (edited("scene_gt_info.json", lambda e: e * 2), "info.json has 2 instances"),
 }
@@ -255,16 +242,16 @@ def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
 ) -> None:
     before = BopFrames(root, "test", "targets.json", models)
     stated, identity = before.stated_targets(BROKEN), before.identity()
-    assert [(target.object_id, target.visible_fraction) for target in stated] == [(1, 0.05)]
+    assert stated == ((1, 0.05),)
     CASES[case][0](root)
     after = BopFrames(root, "test", "targets.json", models)
-    assert [target.object_id for target in after.stated_targets(BROKEN)] == [1]
+    assert [object_id for object_id, _ in after.stated_targets(BROKEN)] == [1]
     assert after.identity() != identity
 
 
 def test_a_pose_far_beyond_the_depths_is_refused(root: Path) -> None:
     with_pose(cam_t_m2c=[0.0, 0.0, 10_000.0])(root)
-    with pytest.raises(DataError, match=r"places the object at 10 m, but the depth image reaches"):
+    with pytest.raises(DataError, match=r"places the object at 10 m .* image reaches"):
         frames_of(root).load(BROKEN)
     assert frames_of(root).read(BROKEN).targets[0].pose_cam_obj[2, 3] == 10.0
 

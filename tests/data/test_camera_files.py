@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bad_input import DEEP, Case, check, of_file, written
+from bad_input import Case, check, of_file, written
 from hlp.data.camera_files import (
     Camera,
     check_size,
@@ -126,33 +126,24 @@ CASES: dict[str, Case] = {
                 "depth_intrinsics is not a file"),
     "three numbers": (lambda _: read_camera([1, 2, 3]), "nine numbers"),
     "no focal length": (lambda _: read_camera([0, 500, 320, 240]), "be finite and positive"),
-    "NaN": (lambda _: read_camera([float("nan"), 500, 320, 240]), "must be finite"),
-    "null": (intrinsics("null"), "neither keys nor nine"),
     "words": (intrinsics("fx fy cx cy", "k.txt"), "k.txt: it holds neither"),
     "no JSON": (intrinsics("{"), "k.json is not JSON"),
     "no YAML": (intrinsics("a: [", "k.yaml"), "k.yaml is not YAML"),
     "bytes": (intrinsics(b"\xff\xfe\xfa"), "is not text"),
-    "deep": (intrinsics(DEEP), "nested deeper"),
     "deep YAML": (intrinsics("K: " + "[" * 5000, "k.yaml"), "k.yaml is nested too deeply"),
     "an alias": (intrinsics("a: &a [1, 1]\nK: [*a, *a]\n", "k.yaml"), "*name"),
-    "a tag": (intrinsics("K: !!timestamp soon", "k.yaml"), "has a tag"),
     "grouped digits": (intrinsics("fx: 3_00", "k.yaml"), "3_00"),
     "grouped digits of a text": (intrinsics("3_00 0 1 0 3 1 0 0 1", "k.txt"), "neither keys"),
     "many keys": (intrinsics("".join(f"k{i}: 1\n" for i in range(9999)), "k.yaml"), "too long"),
-    "many letters": (intrinsics("K: 0x" + "f" * 6000, "k.yaml"), "too long"),
     "closed before opened": (intrinsics("#" + "]" * 900 + "\nK: " + "[" * 900, "k.yaml"), "deeply"),
     "a width of true": (intrinsics({"K": FLAT, "width": True, "height": 9}), "give pixels"),
     "a scale of true": (intrinsics({"K": FLAT, "depth_scale": True}), "must be a positive"),
-    "four rows": (intrinsics({"K": {"rows": 4, "cols": 3, "data": FLAT}}), "must have 3"),
     "no keys": (intrinsics({}), "no cam_K"),
     "ragged": (intrinsics({"cam_K": [[1, 2, 3], [4, 5], [6]]}), "nine numbers"),
     "columns": (intrinsics({"cam_K": COLUMNS}), "row by row"),
     "Open3D by rows": (intrinsics({"intrinsic_matrix": FLAT}), "row by row"),
-    "last row": (intrinsics({"cam_K": [*FLAT[:8], 2.0]}), "row by row"),
-    "negative": (intrinsics({"cam_K": [-500.0, *FLAT[1:]]}), "finite and positive"),
     "depth_scale 0": (intrinsics({"cam_K": FLAT, "depth_scale": 0}), "must be a positive number"),
     "width 0": (intrinsics({"cam_K": FLAT, "width": 0, "height": 480}), "give pixels"),
-    "no height": (intrinsics({"cam_K": FLAT, "width": 640}), "give pixels"),
     "distortion in words": (intrinsics({"cam_K": FLAT, "D": ["a"]}), "must be numbers"),
     "huge distortion": (intrinsics({"K": FLAT, "D": [10**400, 0, 0, 0]}), "must be numbers"),
     "infinite distortion": (intrinsics('{"K": [1,1,1,1], "D": [Infinity]}'), "is no value of JSON"),
@@ -174,11 +165,6 @@ PLAIN = Camera(MATRIX)
 BENT = Camera(MATRIX, distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
 
 
-def test_without_distortion_the_image_is_the_same():
-    image = np.zeros((48, 64, 3), np.uint8)
-    assert undistorted(image, PLAIN, nearest=False) is image
-
-
 def test_a_bent_point_goes_back_to_where_a_straight_camera_sees_it():
     """The bent position of a ray is computed by OpenCV's projection, from the ray itself."""
     ray = np.array([[0.45, 0.3, 1.0]])
@@ -192,13 +178,6 @@ def test_a_bent_point_goes_back_to_where_a_straight_camera_sees_it():
         found = undistorted(image, BENT, nearest)
         y, x = np.unravel_index(found.argmax(), found.shape)
         assert np.linalg.norm([x, y] - straight) < 1.0
-
-
-def test_depth_is_never_mixed_across_an_edge():
-    depth = np.full((48, 64), 1.0, np.float32)
-    depth[:, 30:] = 3.0
-    assert set(np.unique(undistorted(depth, BENT, nearest=True))) <= {0.0, 1.0, 3.0}
-    assert len(np.unique(undistorted(depth, BENT, nearest=False))) > 3
 
 
 def test_a_fisheye_is_undone_by_its_own_model():
@@ -243,7 +222,5 @@ def test_intrinsics_of_other_images_are_refused():
     check_size(Camera(MATRIX, (64, 48)), (48, 64, 3), Path("a.png"), "intrinsics")
     with pytest.raises(ValueError, match=r"128x96, but a\.png is 64x48: .*multiply .* by 0\.5"):
         check_size(Camera(MATRIX, (128, 96)), (48, 64, 3), Path("a.png"), "intrinsics")
-    with pytest.raises(ValueError, match=r"intrinsics are those of images of 128x64.*stream"):
-        check_size(Camera(MATRIX, (128, 64)), (48, 64, 3), Path("a.png"), "intrinsics")
     with pytest.raises(ValueError, match=r"principal point \(31\.5, 23\.5\) lies outside"):
         check_size(PLAIN, (20, 30), Path("a.png"), "intrinsics")

@@ -59,7 +59,7 @@ def test_what_is_missing_is_named(root):
         path.unlink()
     with pytest.raises(FileNotFoundError, match="no image"):
         len(RgbdFrames(root))
-    with pytest.raises(FileNotFoundError, match="no folders rgb and depth"):
+    with pytest.raises(FileNotFoundError, match="rgb is neither an image nor a folder"):
         len(RgbdFrames(root / "rgb"))
 
 

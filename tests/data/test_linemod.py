@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from bad_input import Case, check, of_file
 from hlp.data.file_frames import read_numbers
-from hlp.data.linemod import LinemodFrames, LinemodSettings, read_dpt
+from hlp.data.images import read_raw_depth
+from hlp.data.linemod import LinemodFrames, LinemodSettings
 from hlp.objects.object_model import ObjectSettings
 
 K = [572.4, 0, 40, 0, 573.6, 30, 0, 0, 1]
@@ -71,7 +72,7 @@ def test_models_come_from_each_objects_folder(root):
         LinemodSettings(root=str(root), objects=objects, mesh_scale=1.0).build()
     key = "000006_000000"
     dataset.frames.check(key, models)
-    assert [target.object_id for target in dataset.frames.stated_targets(key)] == [6]
+    assert [object_id for object_id, _ in dataset.frames.stated_targets(key)] == [6]
     _write_matrix(root / "cat/data/tra0.tra", np.array([[0.01], [-0.02], [1.0]]))
     with pytest.raises(ValueError, match=r"tra0\.tra .*translations are in centimetres"):
         dataset.frames.check(key, models)
@@ -106,7 +107,7 @@ def test_absent_files_are_named(root):
 def test_depth_keeps_rows_and_columns_apart(tmp_path):
     raw = np.arange(12).reshape(3, 4)
     _write_dpt(tmp_path / "a.dpt", raw)
-    np.testing.assert_array_equal(read_dpt(tmp_path / "a.dpt"), raw)
+    np.testing.assert_array_equal(read_raw_depth(tmp_path / "a.dpt"), raw)
 
 
 def rot(path: Path) -> object:
@@ -115,10 +116,12 @@ def rot(path: Path) -> object:
 
 NINE = "3 3\n1 0 0\n0 1 0\n0 0 1\n"
 CASES: dict[str, Case] = {
-    "no dpt": (lambda folder: read_dpt(folder / "a.dpt"), "no depth"),
     "no rot": (lambda folder: rot(folder / "a.rot"), "no pose"),
-    "dpt: short header": (of_file(read_dpt, "a.dpt", b"\1\0\0\0"), "truncated or no .dpt"),
-    "dpt: too short": (of_file(read_dpt, "a.dpt", struct.pack("<ii", 2, 2) + b"\1" * 7), "trunc"),
+    "dpt: short header": (of_file(read_raw_depth, "a.dpt", b"\1"), "truncated or no .dpt"),
+    "dpt: too short": (
+        of_file(read_raw_depth, "a.dpt", struct.pack("<ii", 2, 2) + b"\1" * 7),
+        "truncated",
+    ),
     "rot: ten": (of_file(rot, "a.rot", NINE + "1"), "a header line and 9 finite numbers"),
     "rot: words": (of_file(rot, "a.rot", NINE.replace("1 0 0", "x 0 0")), "not a number"),
 }

@@ -98,15 +98,6 @@ def test_depth_of_another_size_needs_its_camera_or_the_scale(root):
         frames(root, depth_intrinsics=half, depth_resize=2.0)
 
 
-def test_intrinsics_of_another_image_size_are_refused(root):
-    with pytest.raises(ValueError, match="intrinsics: the principal point"):
-        frames(root, [500.0, 500.0, 400.0, 15.0]).load("000000_000000")
-    with pytest.raises(ValueError, match=r"80x60, but .* is 40x30: .* by 0\.5"):
-        frames(root, camera_file(root, width=80, height=60)).load("000000_000000")
-    with pytest.raises(FileNotFoundError, match="intrinsics is not a file"):
-        frames(root, "none.json").load("000000_000000")
-
-
 def test_a_video_and_a_folder_of_depth(root):
     writer = cv2.VideoWriter(str(root / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (40, 30))
     for shade in (40, 200):

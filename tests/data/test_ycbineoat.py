@@ -88,10 +88,6 @@ def at(depth):
     return motion
 
 
-def gone(path):
-    return lambda root: (root / path).unlink()
-
-
 def rewritten(path, content):
     return lambda root: (root / path).write_text(content)
 
@@ -106,15 +102,11 @@ DEPTH = f"depth/{STAMPS[1]}.png"
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (gone(DEPTH), "no image"),
         (rewritten(DEPTH, "?"), "is truncated or no image"),
         (rewritten("annotated_poses/0000001.txt", "x y"), "0000001.txt"),
-        (posed(np.eye(3)), "must hold 16 finite numbers"),
         (posed(np.full((4, 4), np.nan)), "must hold 16 finite numbers"),
         (posed(pose(1).T), "is not a pose: it must be R t / 0 0 0 1"),
-        (posed(pose(1) @ np.diag([1.1, 1.1, 1.1, 1.0])), "is not a rotation"),
-        (posed(at(600.0)), "places the object 600 m away"),
-        (posed(at(0.001)), "around the camera: translations are in metres"),
+        (posed(at(0.001)), "to 100 m before it: translations are in metres"),
     ],
 )
 def test_a_bad_frame_costs_itself_alone(root, spoil, words):
@@ -128,7 +120,7 @@ def test_a_bad_frame_costs_itself_alone(root, spoil, words):
     found = find_bad_frames(fresh, keys)
     assert [*found] == [keys[1]]
     assert words in found[keys[1]]
-    assert [target.object_id for target in fresh.frames.stated_targets(keys[1])] == [1]
+    assert [object_id for object_id, _ in fresh.frames.stated_targets(keys[1])] == [1]
     assert fresh.frames.identity() != identity
 
 
@@ -155,5 +147,5 @@ def test_missing_parts_are_named(root):
         YcbineoatFrames(root).load("000000_000000")
     for path in (root / "rgb").iterdir():
         path.unlink()
-    with pytest.raises(MissingFileError, match="rgb has no file"):
+    with pytest.raises(MissingFileError, match="no image in"):
         len(YcbineoatFrames(root))

@@ -90,18 +90,3 @@ def test_readme_shows_the_example_that_is_run():
     (shown,) = python_blocks(pages["README.md"])
     run = [block.text for block in python_blocks(pages["own-object.md"]) if not block.not_run]
     assert ast.dump(ast.parse(shown.text)) in [ast.dump(ast.parse(text)) for text in run]
-
-
-def test_blocks_of_a_page_run_in_order_unless_they_say_why_not(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text(
-        "```python\nx = given + 1\n```\nText.\n<!-- not run: no robot here -->\n"
-        "```python\nmove_robot()\n```\n```sh\nhlp run\n```\n```python\ny = 2 * x\n```\n"
-    )
-    names = {"given": 1}
-    run_examples(page, names)
-    assert (names["x"], names["y"]) == (2, 4)
-    page.write_text("Text.\n\n```python\n1 / 0\n```\n")
-    with pytest.raises(ZeroDivisionError) as raised:
-        run_examples(page, {})
-    assert raised.traceback[-1].lineno + 1 == 4  # the page's own line

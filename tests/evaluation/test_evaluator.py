@@ -140,19 +140,9 @@ def test_bops_errors_are_measured_on_another_mesh_if_there_is_one():
     assert other.mssd_recall > own.mssd_recall and other.add_error == own.add_error
 
 
-def test_a_pose_with_nan_and_a_target_without_a_model_are_named():
-    broken = TRUE.copy()
-    broken[0, 3] = np.nan
-    with pytest.raises(ValueError, match="object 1 in scene 6, frame 3"):
-        _one(broken)
+def test_a_target_without_a_model_is_named():
     with pytest.raises(ValueError, match="object 9"):
         _scores([(TRUE, 9)], [])
-
-
-@pytest.mark.parametrize("key", ["add_fraction", "translation_cm", "iou", "bootstrap"])
-def test_a_threshold_that_is_not_positive_is_named(key):
-    with pytest.raises(ValueError, match=f"^{key} is 0: it must be"):
-        dataclasses.replace(SETTINGS, **{key: 0})
 
 
 @pytest.mark.parametrize("object_id", [1, 2])

@@ -17,10 +17,9 @@ from hlp.evaluation.summary import (
     scores_in_vain,
     summarise,
     summarise_calibration,
-    with_interval,
 )
 from hlp.records import PoseEstimate, Target, TargetScore
-from hlp.results.recalls import METRICS, reliability
+from hlp.results.recalls import reliability
 
 SETTINGS = EvaluationSettings("bop", (), bootstrap=2000)
 NAMES = {1: "ape", 6: "cat"}
@@ -105,38 +104,6 @@ def test_it_is_strict_json_even_if_nothing_was_found():
     json.dumps(_summary(), allow_nan=False)
 
 
-def test_the_interval_is_that_of_a_binomial_where_frames_are_independent():
-    rng = np.random.default_rng(0)
-    scores = [_score(i, 6, bool(rng.random() < 0.8)) for i in range(400)]
-    recall = np.mean([score.add_correct for score in scores])
-    low, high = with_interval(scores, METRICS["add"], 4000, seed=1)["ci95"]
-    half = 1.96 * np.sqrt(recall * (1 - recall) / 400)
-    assert high - low == pytest.approx(2 * half, rel=0.35)  # 20 blocks
-    assert low < recall < high
-
-
-def test_targets_of_one_frame_are_drawn_together():
-    # Twenty targets a frame, all right or all wrong: as uncertain as one target a frame.
-    frames = [_score(i, 6, i % 3 != 0) for i in range(40)]
-    crowded = [score for score in frames for _ in range(20)]
-    single = with_interval(frames, METRICS["add"], 1000, seed=2)["ci95"]
-    assert with_interval(crowded, METRICS["add"], 1000, seed=2)["ci95"] == pytest.approx(single)
-
-
-def test_the_seed_decides_the_interval():
-    assert _summary(seed=3) == _summary(seed=3)
-    scores = [_score(i, 6, i % 3 != 0) for i in range(101)]
-    found = {tuple(with_interval(scores, METRICS["add"], 50, seed)["ci95"]) for seed in range(5)}
-    assert len(found) > 1
-
-
-def test_nothing_scored_and_unnamed_objects_are_errors():
-    with pytest.raises(ValueError, match="no target"):
-        _summary([])
-    with pytest.raises(ValueError, match=r"\[9\]"):
-        _summary([_score(0, 9, True)])
-
-
 def test_absent_objects_are_counted_once_a_frame_by_their_best_answer():
     truths = [FrameTruth(1, i, np.eye(3), 64, (Target(i + 1, np.eye(4)),)) for i in (0, 1)]
     answers = [  # frame, object, score
@@ -196,15 +163,6 @@ def test_area_is_the_mean_over_random_orders_of_equal_scores():
     assert area_under_risk_coverage(scores, right) == pytest.approx(np.mean(areas), abs=1e-3)
     perfect = np.arange(10) / 10
     assert area_under_risk_coverage(perfect, perfect > 0.0) == pytest.approx(0.1 / 10)
-
-
-def test_what_is_no_answer_is_refused():
-    with pytest.raises(ValueError, match="no answer"):
-        expected_calibration_error(np.zeros(0), np.zeros(0, bool))
-    with pytest.raises(ValueError, match="no answer"):
-        risk_coverage(np.zeros(0), np.zeros(0, bool))
-    with pytest.raises(ValueError, match="from 0 to 1"):
-        expected_calibration_error(np.array([1.5]), np.array([True]))
 
 
 def test_summary_counts_the_answers_and_not_what_was_not_found():

@@ -131,12 +131,6 @@ def test_counts_add_up_in_all_and_in_every_class():
         assert sum(sum(group.values()) for group in groups.values()) == len(scores)
 
 
-def test_a_miss_without_a_cause_is_an_error():
-    unexplained = dataclasses.replace(_score(1, 0.5, "ranking"), cause="")
-    with pytest.raises(ValueError, match=r"scene 6, frame 0, object 1"):
-        count_causes([unexplained], {1: "cat"})
-
-
 def test_votes_are_counted_with_their_weight_and_by_who_cast_them():
     good = np.array([True, False, True, False])
     on_object = np.array([True, True, False, False])

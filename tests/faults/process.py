@@ -15,35 +15,21 @@ from forked_hlp import run_hlp
 PLACES = {
     "database begun": ("hlp.reporting.mlflow", "artifacts_uri", 0),
     "database made": ("hlp.reporting.mlflow.os", "replace", 1),
-    "run opened": ("hlp.runs.mlflow_log", "_log_inputs", 0),
-    "views begun": ("hlp.rendering.views", "_poses", 1),
     "views half written": ("hlp.rendering.views", "write_array", 2),
-    "windows": ("hlp.method.learn.classifier_training", "bake_windows", 1),
     "epoch": ("hlp.method.learn.training", "write_csv", 0),
-    "checkpoint": ("hlp.method.learn.training", "content_checksum", 0),
-    "weights": ("hlp.method.learn.training", "save", 0),
     "network half written": ("hlp.models.onnx_export.onnx", "save", 1),
     "checksums": ("hlp.stages.store", "folder_checksums", 0),
     "renaming": ("hlp.stages.store", "_flush", 0),
-    "codebook": ("hlp.codebook.entries.np", "savez", 1),
     "frame": ("hlp.stages.detection", "search_frame", 2),
     "frame half written": ("hlp.stages.trace_files", "write_arrays", 1),
     "frame of a worker": ("hlp.runs.runner", "note_frame", 0),
-    "one of three stages": ("hlp.stages.store", "_flush", 1),
     "scores": ("hlp.runs.runner", "write_scores", 0),
-    "numbers": ("hlp.runs.runner", "summary_metrics", 0),
     "manifest": ("hlp.runs.runner", "make_manifest", 0),
 }
 """Module, function, and the number of its calls that still go well, in the order of a run."""
 
 LEARNING_PLACES = {
-    **{
-        name: PLACES[name]
-        for name in (
-            *("views begun", "views half written", "windows", "epoch", "checkpoint", "weights"),
-            *("network half written", "codebook"),
-        )
-    },
+    **{name: PLACES[name] for name in ("views half written", "epoch", "network half written")},
     "scenes of the score": ("hlp.method.learn.score_calibration", "search_scenes", 1),
     "record": ("hlp.method.learn.unfinished_folder", "write_record", 0),
     "renaming of the folder": ("hlp.method.learn.unfinished_folder", "_publish", 0),
@@ -59,9 +45,6 @@ COMMAND_PLACES = {
     "first answer": ("hlp.results.poses_file.AnswersFile", "add", 0),
     "second answer": ("hlp.results.poses_file.AnswersFile", "add", 1),
     "last answer": ("hlp.results.poses_file.AnswersFile", "_write_json", 0),
-    "first image": ("hlp.runs.live", "_line", 0),
-    "second image": ("hlp.runs.live", "_line", 1),
-    "page half written": ("hlp.files.os", "replace", 0),
     "run created": ("hlp.reporting.mlflow.upload", "_send_values", 0),
     "artifacts sent": ("hlp.reporting.mlflow.upload.tempfile", "TemporaryDirectory", 0),
     "run sent": ("hlp.reporting.mlflow.upload", "remove_database", 0),

@@ -47,17 +47,6 @@ def test_every_file_of_every_stage_damaged_in_turn_in_all_ways(tiny_run, call, w
     assert stages(work.parent / "again", reused=False) == {}
 
 
-def test_a_damaged_file_costs_only_the_output_that_it_is_in(tiny_run, call, work):
-    views = sorted(path.parent for path in (work / "views").glob("*/rgb.npy"))
-    damage([views[0] / "stage.json"], "empty")
-    damage([views[1] / "rgb.npy"], "flipped")
-    damage([min((work / "codebook").glob("*/codebook.npz"))], "garbage")
-    damage([min((work / "poses").glob("*/*.npz"))], "cut")
-    run_again(call, tiny_run, work)
-    expected = {"views": 2, "codebook": 1, "poses": 1}
-    assert stages(work.parent / "again", reused=False) == expected
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["my wörk (2)", "a=b, {c} [d] & #e"])
 def test_a_work_folder_may_be_moved_and_have_any_name(tiny_run, call, work, name):

@@ -82,35 +82,6 @@ def test_predict(folder):
     assert (folder / "last" / "poses.json").is_file()
 
 
-def untimed(line):
-    return {key: value for key, value in json.loads(line).items() if key not in ("ms", "captured")}
-
-
-def test_live(folder):
-    """Killed, it has answered what it had seen; started again, it answers everything."""
-    live = ("live", "source=folder", "learnt=both", "rgb=rgb", "depth=depth", "work=work")
-    live = (*live, "intrinsics=camera.txt", "idle_s=2")
-    whole = [untimed(line) for line in succeed(folder, *live).splitlines()]
-    assert len(whole) == 3
-    for place, answered in (("first image", 1), ("second image", 2)):
-        lines = kill(folder, place, *live).splitlines()
-        assert [untimed(line) for line in lines] == whole[:answered]
-    assert [untimed(line) for line in succeed(folder, *live).splitlines()] == whole
-
-
-def test_report(tiny_run, tmp_path):
-    shutil.copytree(tiny_run.output, tmp_path / "run")
-    before = (tmp_path / "run" / "report.html").read_bytes()
-    kill(tmp_path, "page half written", "report", "output=run")
-    assert (tmp_path / "run" / "report.html").read_bytes() == before
-    (half,) = (path.name for path in (tmp_path / "run").glob(".*.[0-9]*"))
-    assert half.startswith(".report.html.")
-    succeed(tmp_path, "report", "output=run")
-    assert {path.name for path in (tmp_path / "run").iterdir()} - {half} == {
-        path.name for path in tiny_run.output.iterdir()
-    }
-
-
 @pytest.fixture(scope="module")
 def unsent(tiny_run, tmp_path_factory):
     """A folder with a run that its server has missed."""

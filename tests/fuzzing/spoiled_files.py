@@ -2,8 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from hypothesis import strategies as st
@@ -21,7 +19,7 @@ NUMBERS_AND_NAMES = re.compile(rb"[\w.+-]+")
 
 
 @st.composite
-def _other_bytes(draw: st.DrawFn, content: bytes) -> bytes:
+def _other_bytes(draw, content):
     """A piece left out, repeated, exchanged or put in."""
     begin = draw(st.integers(0, len(content)))
     end = begin + draw(st.integers(0, 16))
@@ -35,7 +33,7 @@ def _other_bytes(draw: st.DrawFn, content: bytes) -> bytes:
 
 
 @st.composite
-def _other_word(draw: st.DrawFn, content: bytes) -> bytes:
+def _other_word(draw, content):
     """A number or name exchanged for another word."""
     places = [item.span() for item in NUMBERS_AND_NAMES.finditer(content)]
     if not places:
@@ -44,7 +42,7 @@ def _other_word(draw: st.DrawFn, content: bytes) -> bytes:
     return content[:begin] + draw(st.sampled_from(WORDS)).encode() + content[end:]
 
 
-def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+def _places(value, path=()):
     inner = (
         value.items()
         if isinstance(value, dict)
@@ -56,7 +54,7 @@ def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 
 @st.composite
-def _other_json(draw: st.DrawFn, content: bytes) -> bytes:
+def _other_json(draw, content):
     """A value exchanged for any other, or left out."""
     try:
         tree = json.loads(content)
@@ -75,7 +73,7 @@ def _other_json(draw: st.DrawFn, content: bytes) -> bytes:
 
 
 @st.composite
-def spoiled(draw: st.DrawFn, valid: bytes) -> bytes:
+def spoiled(draw, valid):
     """The content with one to four changes; sometimes cut off, or something else altogether."""
     if draw(st.integers(0, 30)) == 0:
         return draw(st.binary(max_size=60) | json_values().map(json.dumps).map(str.encode))
@@ -88,7 +86,7 @@ def spoiled(draw: st.DrawFn, valid: bytes) -> bytes:
     )
 
 
-def is_clean(read: Callable[[], Any], path: Path) -> bool:
+def is_clean(read, path):
     """Whether reading ends with a result; an error must be one of HLP's and name the file."""
     try:
         read()

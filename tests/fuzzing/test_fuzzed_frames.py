@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +12,10 @@ from spoiled_files import is_clean, spoiled
 
 from hlp import schemas
 from hlp.data.bop_models import name_objects, symmetry_motions
-from hlp.data.bop_scenes import Scene, list_scenes
-from hlp.data.bop_targets import annotated_targets, list_targets, most_visible
+from hlp.data.bop_scenes import list_scenes, list_targets, most_visible
 from hlp.data.camera_files import read_camera
 from hlp.data.file_frames import read_numbers
-from hlp.data.linemod import read_dpt
+from hlp.data.images import read_raw_depth
 from hlp.data.ycbineoat import read_pose
 from hlp.errors import DataError
 from hlp.schemas import camera_matrix
@@ -40,26 +38,24 @@ MODELS = {
     },
     "6": {"diameter": 90},
 }
-MASKS = {"0": {"counts": [3, 4, 5], "size": [3, 4]}}
 
 
-def written(value: Any) -> bytes:
+def written(value):
     return json.dumps(value).encode()
 
 
-def read_scene(folder: Path) -> None:
+def read_scene(folder):
     """All that is read of a scene's text files."""
     scenes = list_scenes(folder.parent)
     for frame in (0, 12):
         scene = scenes[6]
         camera_matrix(scene.camera(frame).cam_K, f"{folder}/scene_camera.json", (80, 60))
-        where = f"{folder}/scene_gt.json, frame {frame}"
-        most_visible(annotated_targets(scene, frame, where), {1: 1}, where)
+        most_visible(scene.targets(frame), {1: 1}, scene.where(frame))
 
 
 @pytest.mark.parametrize("name", SCENE)
 @given(data=st.data())
-def test_scenes(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_scenes(tmp_path, name, data):
     folder = tmp_path / "test" / "000006"
     folder.mkdir(parents=True, exist_ok=True)
     for each, content in SCENE.items():
@@ -72,16 +68,8 @@ def test_scenes(tmp_path: Path, name: str, data: st.DataObject) -> None:
     is_clean(lambda: list_targets(list_scenes(folder.parent), None, 0.1), folder / name)
 
 
-@given(spoiled(written(MASKS)))
-def test_masks(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "000006_000000.mask_visib.json"
-    path.write_bytes(content)
-    scene = Scene(tmp_path, 6)
-    is_clean(lambda: scene.visible_mask(0, 0), path)
-
-
 @given(spoiled(written(TARGETS)))
-def test_targets(tmp_path: Path, content: bytes) -> None:
+def test_targets(tmp_path, content):
     path = tmp_path / "test_targets.json"
     path.write_bytes(content)
     is_clean(lambda: list_targets({}, path, 0.1), path)
@@ -89,11 +77,11 @@ def test_targets(tmp_path: Path, content: bytes) -> None:
 
 @given(spoiled(written(MODELS)))
 @example(written(MODELS).replace(b'"axis": [0,', b'"axis": [1e+300,'))
-def test_models_info(tmp_path: Path, content: bytes) -> None:
+def test_models_info(tmp_path, content):
     path = tmp_path / "models_info.json"
     path.write_bytes(content)
 
-    def read() -> None:
+    def read():
         for info in read_as(path, schemas.ModelInfos).values():
             motions = symmetry_motions(info, 8, str(path))
             assert np.isfinite(motions).all()
@@ -102,7 +90,7 @@ def test_models_info(tmp_path: Path, content: bytes) -> None:
 
 
 @given(spoiled(written({"1": "ape", "6": "cat"})))
-def test_names(tmp_path: Path, content: bytes) -> None:
+def test_names(tmp_path, content):
     path = tmp_path / "models" / "names.json"
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(content)
@@ -141,11 +129,11 @@ INTRINSICS = {
 
 @pytest.mark.parametrize("name", INTRINSICS)
 @given(data=st.data())
-def test_intrinsics(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_intrinsics(tmp_path, name, data):
     path = tmp_path / name
     path.write_bytes(data.draw(spoiled(INTRINSICS[name])))
 
-    def read() -> None:
+    def read():
         camera = read_camera(str(path))
         assert np.isfinite(camera.matrix).all() and (np.diag(camera.matrix) > 0).all()
         assert np.isfinite(camera.distortion).all()
@@ -156,7 +144,7 @@ def test_intrinsics(tmp_path: Path, name: str, data: st.DataObject) -> None:
 DPT = np.array([3, 4], "<i4").tobytes() + np.arange(12, dtype="<u2").tobytes()
 ROT = b"3 3\n1 0 0\n0 1 0\n0 0 1\n"
 NUMBERS: dict[str, tuple[bytes, Callable[[Path], np.ndarray]]] = {
-    "depth0.dpt": (DPT, lambda path: read_dpt(path)),
+    "depth0.dpt": (DPT, lambda path: read_raw_depth(path)),
     "rot0.rot": (ROT, lambda path: read_numbers(path, 9, 1)),
     "tra0.tra": (b"1 3\n1.5\n-2\n100\n", lambda path: read_numbers(path, 3, 1)),
     "0000.txt": (b"1 0 0 0.1\n0 1 0 0.2\n0 0 1 0.9\n0 0 0 1\n", read_pose),
@@ -165,7 +153,7 @@ NUMBERS: dict[str, tuple[bytes, Callable[[Path], np.ndarray]]] = {
 
 @pytest.mark.parametrize("name", NUMBERS)
 @given(data=st.data())
-def test_linemod_s_and_ycbineoat_s_files(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_linemod_s_and_ycbineoat_s_files(tmp_path, name, data):
     content, read = NUMBERS[name]
     path = tmp_path / name
     path.write_bytes(data.draw(spoiled(content)))
@@ -175,11 +163,11 @@ def test_linemod_s_and_ycbineoat_s_files(tmp_path: Path, name: str, data: st.Dat
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), st.integers(0, 40))
 @example(65536, 65536, 0)
 @example(-3, -4, 24)
-def test_sizes_that_a_dpt_states(tmp_path: Path, rows: int, columns: int, length: int) -> None:
+def test_sizes_that_a_dpt_states(tmp_path, rows, columns, length):
     path = tmp_path / "depth0.dpt"
     path.write_bytes(np.array([rows, columns], "<i4").tobytes() + b"\1" * length)
     if rows > 0 and columns > 0 and 2 * rows * columns == length:
-        assert read_dpt(path).shape == (rows, columns)
+        assert read_raw_depth(path).shape == (rows, columns)
     else:
         with pytest.raises(DataError, match=r"depth0\.dpt is truncated"):
-            read_dpt(path)
+            read_raw_depth(path)

@@ -1,7 +1,5 @@
 """Whatever stands in a mesh file: a sound mesh, or an error that names the file."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
@@ -30,7 +28,7 @@ FILES = {
 }
 
 
-def read(path: Path) -> None:
+def read(path):
     mesh = load_mesh(path, None)
     count = len(mesh.vertices)
     assert mesh.normals.shape == (count, 3) and mesh.colors.shape == (count, 3)
@@ -40,39 +38,30 @@ def read(path: Path) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 @given(data=st.data())
-def test_meshes(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_meshes(tmp_path, name, data):
     path = tmp_path / name
+    path.write_bytes(FILES[name])
+    assert is_clean(lambda: read(path), path)
     path.write_bytes(data.draw(spoiled(FILES[name])))
     is_clean(lambda: read(path), path)
 
 
 @given(spoiled(MTL))
-def test_materials(tmp_path: Path, content: bytes) -> None:
+def test_materials(tmp_path, content):
     path = tmp_path / "box.obj"
     path.write_bytes(FILES["box.obj"])
     (tmp_path / "box.mtl").write_bytes(content)
     is_clean(lambda: read(path), path)
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [("box.obj", "v 1\nv 0 0 1\nv 0 1 0\nf 1 2 3\n", "without three coordinates")],
-)
-def test_what_the_fuzzer_found(tmp_path: Path, name: str, content: str, message: str) -> None:
-    (tmp_path / name).write_text(content)
-    with pytest.raises(DataError, match=message):
-        load_mesh(tmp_path / name, None)
+def test_vertices_without_three_coordinates(tmp_path):
+    (tmp_path / "box.obj").write_text("v 1\nv 0 0 1\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(DataError, match="without three coordinates"):
+        load_mesh(tmp_path / "box.obj", None)
 
 
 @pytest.mark.parametrize("name", ["1" + "0" * 400, "a\0b"])
-def test_a_material_s_name_that_no_file_can_have(tmp_path: Path, name: str) -> None:
+def test_a_material_s_name_that_no_file_can_have(tmp_path, name):
     path = tmp_path / "box.obj"
     path.write_text(OBJ.replace("box.mtl", name))
-    assert is_clean(lambda: read(path), path)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_the_files_are_read_unspoiled(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    path.write_bytes(FILES[name])
     assert is_clean(lambda: read(path), path)

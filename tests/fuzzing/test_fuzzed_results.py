@@ -1,8 +1,6 @@
 """Whatever stands in the files that HLP writes: what was written, or an error naming the file."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,15 +21,10 @@ from hlp.results.poses_file import read_poses, read_scores, write_poses, write_s
 from hlp.results.recalls import read_summary
 from hlp.stages.manifest import read_manifest
 from hlp.stages.store import StageStore
+from written_results import summary
 
 NAME = "0123456789abcdef"
-SUMMARY = {
-    "targets": 2,
-    "metrics": {name: {"recall": 0.5, "ci95": [0.1, 0.9]} for name in ("add", "5cm5deg", "iou50")},
-    "per_object": {"cat": {"targets": 2, "add": {"recall": 0.5}}},
-    "timing_ms": {"total": {"median": 100.0, "p95": 120.0}},
-    "waterfall": {"correct": 1},
-}
+SUMMARY = summary()
 MANIFEST = {
     "config": {"name": "demo", "seed": 0},
     "data": {"keys": ["000000_000000"], "frames": "ab"},
@@ -40,11 +33,17 @@ MANIFEST = {
 SWEEP = {"overrides": ["seed=0,1"], "swept": ["seed"], "defaults": {"seed": 0}, "status": "done"}
 
 
-def scored(number: int) -> TargetScore:
+def scored(number):
     return TargetScore(1, number, 2, True, 0.9, 0.01, 0.1, 0.02, 0.8, True, True, True)
 
 
-def write_text_files(folder: Path) -> dict[str, Callable[[], object]]:
+KINDS = (
+    *("poses.csv", "scores.csv", "history.csv", "summary.json", "manifest.json", "score.json"),
+    "learnt.json",
+)
+
+
+def write_text_files(folder):
     """A valid file of each kind, and what reads it."""
     estimate = PoseEstimate(1, 2, 3, rigid(np.eye(3), np.array([0.1, 0.2, 0.9])), 0.5, {"a": 1.0})
     write_poses(folder / "poses.csv", [estimate, estimate])
@@ -65,15 +64,9 @@ def write_text_files(folder: Path) -> dict[str, Callable[[], object]]:
     }
 
 
-KINDS = (
-    *("poses.csv", "scores.csv", "history.csv", "summary.json", "manifest.json", "score.json"),
-    "learnt.json",
-)
-
-
 @pytest.mark.parametrize("name", KINDS)
 @given(data=st.data())
-def test_files_of_runs_and_learnt_folders(tmp_path: Path, name: str, data: st.DataObject) -> None:
+def test_files_of_runs_and_learnt_folders(tmp_path, name, data):
     read = write_text_files(tmp_path)[name]
     assert is_clean(read, tmp_path / name)
     content = (tmp_path / name).read_bytes()
@@ -83,12 +76,10 @@ def test_files_of_runs_and_learnt_folders(tmp_path: Path, name: str, data: st.Da
 
 @pytest.mark.parametrize("resealed", [False, True])
 @given(data=st.data())
-def test_records_of_learnt_objects_and_outputs(
-    tmp_path: Path, resealed: bool, data: st.DataObject
-) -> None:
+def test_records_of_learnt_objects_and_outputs(tmp_path, resealed, data):
     """With `resealed` the checksum fits, as only somebody who wants it so can have it."""
 
-    def spoil(path: Path) -> None:
+    def spoil(path):
         record = json.loads(path.read_text())
         del record["checksum"]
         content = data.draw(spoiled(json.dumps(record).encode()))
@@ -111,16 +102,12 @@ def test_records_of_learnt_objects_and_outputs(
     path.write_bytes(sound)
 
 
-@pytest.mark.parametrize("name", ["summary.json", "manifest.json", "sweep.json"])
-@given(data=st.data())
-def test_results_of_runs_and_sweeps(tmp_path: Path, name: str, data: st.DataObject) -> None:
-    run = tmp_path / "0"
-    run.mkdir(exist_ok=True)
-    (run / "summary.json").write_text(json.dumps(SUMMARY))
-    (run / "manifest.json").write_text(json.dumps(MANIFEST))
-    (tmp_path / "sweep.json").write_text(json.dumps(SWEEP))
-    path = tmp_path / name if name == "sweep.json" else run / name
-    path.write_bytes(data.draw(spoiled(path.read_bytes())))
+@given(spoiled(json.dumps(SWEEP).encode()))
+def test_sweeps(tmp_path, content):
+    (tmp_path / "0").mkdir(exist_ok=True)
+    (tmp_path / "0" / "summary.json").write_text(json.dumps(SUMMARY))
+    (tmp_path / "0" / "manifest.json").write_text(json.dumps(MANIFEST))
+    (tmp_path / "sweep.json").write_bytes(content)
     is_clean(lambda: read_sweeps(tmp_path), tmp_path)
 
 
@@ -128,7 +115,7 @@ def test_results_of_runs_and_sweeps(tmp_path: Path, name: str, data: st.DataObje
 @example(b"*a")
 @example(b"seed")
 @example(b"- 1")
-def test_overrides_of_a_run(tmp_path: Path, content: bytes) -> None:
+def test_overrides_of_a_run(tmp_path, content):
     (tmp_path / "summary.json").write_text(json.dumps(SUMMARY))
     (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST))
     (tmp_path / ".hydra").mkdir(exist_ok=True)
@@ -140,7 +127,7 @@ def test_overrides_of_a_run(tmp_path: Path, content: bytes) -> None:
     ("name", "content"),
     [("history.csv", "epoch,loss\n0,x\n"), ("history.csv", "epoch,loss\n0\n")],
 )
-def test_a_damaged_history_is_named(tmp_path: Path, name: str, content: str) -> None:
+def test_a_damaged_history_is_named(tmp_path, name, content):
     (tmp_path / name).write_text(content)
     with pytest.raises(DataError, match=r"history\.csv, line 2"):
         read_history(tmp_path)

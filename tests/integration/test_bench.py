@@ -1,14 +1,11 @@
 """`hlp bench` on the tiny run's dataset and stages."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
-from hlp.method.find.trace import NOBODY
+from hlp.method.find.trace import nobody
 from hlp.method.settings import FindSettings
 from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.recalls import read_target_values
@@ -17,7 +14,6 @@ from hlp.stages.training import TrainingStages
 from hlp.studies.bench_times import PARTS, PartClock
 from run_files import read_json
 from table_text import unpadded
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]
 
@@ -25,7 +21,7 @@ COMPARED = ("+task.compared.few.refinement.particles=3", "+task.compared.same.se
 
 
 @pytest.fixture(scope="module")
-def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(tiny_run, tmp_path_factory):
     output = tmp_path_factory.mktemp("bench")
     fast = ("patches.region.scan=fast", "refinement.iterations=4")
     run = tiny_run.build("task=bench", *fast, *COMPARED)
@@ -33,7 +29,7 @@ def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
-def estimator_of(tiny_run: TinyRun, *overrides: str) -> tuple[Any, PoseEstimator]:
+def estimator_of(tiny_run, *overrides):
     """The run, and an estimator with what it has learnt."""
     run = tiny_run.build("task=bench", *overrides)
     training = TrainingStages(
@@ -44,7 +40,7 @@ def estimator_of(tiny_run: TinyRun, *overrides: str) -> tuple[Any, PoseEstimator
     return run, PoseEstimator(training, find, run.dataset.target_ids)
 
 
-def test_bench_states_every_part_of_every_path(bench: Path) -> None:
+def test_bench_states_every_part_of_every_path(bench):
     result = read_json(bench / "bench.json")
     assert set(result["paths"]) == {"configured", "reference", "few", "same"}
     for path in result["paths"].values():
@@ -54,58 +50,49 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
             assert spreads["network" if view == "first" else "refine"]["median_ms"] > 0
             assert all(spread["median_ms"] <= spread["p95_ms"] for spread in spreads.values())
             assert spreads["total"]["cpu_ms"] > 0
-    at_once = result["objects_at_once"]
-    assert 0 < at_once["median_ms"] <= at_once["p95_ms"] and at_once["cpu_ms"] > 0
     workload, loading = result["workload"], result["loading_s"]
-    assert (workload["frames"], workload["image"], workload["particles"]) == (2, [320, 240], 25)
-    assert set(workload["objects"]) == set(loading["objects"]) and len(loading["objects"]) == 8
+    assert (workload["frames"], workload["image"], workload["particles"]) == (2, "320 x 240", 25)
+    assert workload["objects"] == len(loading["objects"]) == 8
     assert 0 < loading["classifier"] < 5
-    assert 100 < result["memory"]["peak_mib"] <= result["memory"]["all_paths_mib"]
-    assert result["memory"]["learnt_too"] == []
+    assert result["memory"]["peak_mib"] > 100
     stages = read_json(bench / "manifest.json")["stages"]
     assert stages and all(event["reused"] for event in stages)
 
 
-def test_times_by_target_have_the_medians_of_the_study(bench: Path) -> None:
+def test_verdicts_by_target_have_the_mean_of_the_study(bench):
     numbers = read_numbers(bench, KINDS["bench"])
     values = {name: number.value for name, number in numbers.items()}
     targets = read_target_values(bench)
-    assert values["ADD(-S)"] == pytest.approx(np.mean([*targets.pop("ADD(-S)").values()]))
-    assert set(targets) == {"ms first", "ms further", "CPU first", "CPU further"}
-    for name, found in targets.items():
-        assert values[name] == pytest.approx(np.median([*found.values()]))
+    assert {name: np.mean([*found.values()]) for name, found in targets.items()} == pytest.approx(
+        {"ADD(-S)": values["ADD(-S)"]}
+    )
 
 
-def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
+def test_bench_compares_results_and_times_of_paths(bench):
     result = read_json(bench / "bench.json")
-    few, same = (result["compared"][name] for name in ("few", "same"))
-    assert (same["same_pose"], same["same_verdict"], same["region_iou"]) == (1.0, 1.0, 1.0)
-    assert result["compared"]["reference"]["changes"]["patches"]["region"] == {"scan": "exact"}
-    assert few["region_iou"] == 1.0 and few["same_pose"] < 1.0
-    own, other = (result["paths"][name]["frame"] for name in ("configured", "few"))
-    ratio = other["total"]["median_ms"] / own["total"]["median_ms"]
-    assert few["ratio"]["frame"]["total"] == pytest.approx(ratio)
+    own, few, same = (result["paths"][name] for name in ("configured", "few", "same"))
+    assert own["same_pose"] == same["same_pose"] == 1.0 > few["same_pose"]
     assert "| 3" not in (bench / "bench.md").read_text().split("\n")[0]
     assert "| refine |" in unpadded((bench / "bench.md").read_text())
     assert {"bench.png", "bench.svg"} <= {path.name for path in bench.iterdir()}
 
 
-def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
+def test_a_search_that_is_timed_has_the_same_answers(tiny_run):
     run, estimator = estimator_of(tiny_run)
     frame = run.dataset.frames.load(run.keys[0])
     object_id = next(iter(run.dataset.instances_to_find(frame)))
     found, clock = [], PartClock()
-    for observer in (clock, NOBODY):
+    for observer in (clock.enter, nobody):
         context = estimator.prepare(frame, observer=observer)
-        trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
+        trace = search_frame(context, {object_id: 1}, by_threads=False)[object_id]
         assert trace.refined is not None
         found.append([pose.tolist() for pose in trace.refined.chosen_poses])
-        if observer is clock:
+        if observer is not nobody:
             assert set(clock.stop()) == set(PARTS)
     assert found[0] == found[1]
 
 
-def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:
+def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run, tmp_path):
     wrong = ("+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'work'}")
     run = tiny_run.build("task=bench", *wrong)
     with pytest.raises(ValueError, match=r"^refinement\.particels is not a key: did you"):

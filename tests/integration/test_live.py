@@ -5,7 +5,10 @@ import os
 import signal
 import subprocess
 import sys
+import time
+import urllib.error
 import urllib.request
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -99,6 +102,15 @@ def test_each_image_of_an_own_camera_is_answered(learnt, tmp_path):
     assert not list(tmp_path.glob(".last*"))
 
 
+def picture(address):
+    """The last image, once one is drawn."""
+    for _ in range(100):
+        with suppress(urllib.error.HTTPError):
+            return urllib.request.urlopen(address + "picture.jpg").read()  # noqa: S310
+        time.sleep(0.1)
+    raise AssertionError("nothing is drawn")
+
+
 def test_a_folder_is_followed_until_ctrl_c(learnt, tmp_path, images):
     write(tmp_path, images[0])
     files = ("source=folder", "rgb=rgb", "depth=depth", INTRINSICS, "depth_scale=1")
@@ -109,12 +121,11 @@ def test_a_folder_is_followed_until_ctrl_c(learnt, tmp_path, images):
     assert [found["tracked"] for found in answer(process)["found"]] == [True]
     assert process.stderr is not None
     address = process.stderr.readline().split()[1]
-    with urllib.request.urlopen(address + "picture.jpg") as shown:  # noqa: S310
-        assert cv2.imdecode(np.frombuffer(shown.read(), np.uint8), 1).shape == (240, 320, 3)
+    assert cv2.imdecode(np.frombuffer(picture(address), np.uint8), 1).shape == (240, 320, 3)
     process.send_signal(signal.SIGINT)
     rest, messages = ended(process)
     assert process.returncode == 130
-    assert rest == [] and messages == "hlp: stopped after 2 images\n"
+    assert rest == [] and messages == "hlp: interrupted\n"
 
 
 def test_a_program_names_images_and_reads_answers(learnt, tmp_path, images):
@@ -139,17 +150,15 @@ def test_it_ends_when_nobody_reads_the_answers(learnt, tmp_path):
         assert answer(process)["ready"] and process.stdout is not None
         process.stdout.close()
         assert process.stderr is not None and process.stderr.read() == ""
-    assert process.returncode == 0
+    assert process.returncode == 141
 
 
 @pytest.mark.parametrize(
     ("given", "words"),
     [
         (["learnt=x"], "source is not set"),
-        (["source=stdin"], "learnt is not set"),
         (["source=usb", "learnt=x"], "must be folder, stdin, realsense or FILE.py:CLASS"),
         (["source=stdin", "learnt=x", "rgb=y"], "rgb is not a key of `hlp live`"),
-        (["source=stdin", "learnt=x", "min_score=2"], "min_score is 2"),
         (["source=stdin", "learnt=nowhere", "work=."], "neither a folder of learnt objects"),
     ],
 )

@@ -10,12 +10,12 @@ from hlp import Detector
 from hlp.commands.composing import config_folder
 from hlp.data.bop import BopSettings
 from hlp.data.file_frames import RgbdFrames
-from hlp.evaluation.errors import add, add_s
+from hlp.evaluation.errors import add
 from hlp.method.tracker import Track
 from run_files import read_json
 from same_answers import compare_answers
 from tiny_method import tiny_method
-from tiny_run import start_hlp, start_run
+from tiny_run import start_run
 
 pytestmark = pytest.mark.slow
 
@@ -38,16 +38,6 @@ LESS_TINY = (
     "patches.pairs.per_object=300",
     "score.scenes=4",
 )
-PLAYER = """
-from hlp import CameraImage
-from hlp.data.bop import BopSettings
-
-def player():
-    frames = BopSettings(root={root!r}).build().frames
-    for key in frames.keys[:6]:
-        frame = frames.load(key)
-        yield CameraImage(frame.rgb, frame.depth, frame.camera_matrix, key)
-"""
 
 
 def test_the_demo_finds_its_objects(tmp_path):
@@ -151,31 +141,3 @@ def test_a_bottle_in_a_robots_hand_is_followed(shared_data, tmp_path):
         true = frame.targets[0].pose_cam_obj
         assert found.tracked and found.track == 0
         assert add(found.pose_cam_obj, true, model.mesh.vertices) < 0.1 * model.diameter
-
-
-def test_a_recording_is_played_to_hlp_live(shared_data, tmp_path):
-    """Three cups that stand elsewhere in each frame: most are found, by whichever way."""
-    finer = ("rendering.viewpoints=200", "classifier.epochs=6")
-    frames, detector = learn_recorded(shared_data, "cup", tmp_path / "learnt", *finer)
-    (tmp_path / "player.py").write_text(PLAYER.format(root=str(shared_data / "cup")))
-    live = ("live", "source=player.py:player", "learnt=learnt", "max_instances=3")
-    done = start_hlp(tmp_path, *live)
-    assert done.returncode == 0, done.stderr
-    ready, *lines = map(json.loads, done.stdout.splitlines())
-    assert ready["ready"] and len(lines) == 6
-    right = sum(
-        is_found(line["found"], target.pose_cam_obj, detector.models["cup"])
-        for line, frame in zip(lines, frames, strict=False)
-        for target in frame.targets
-    )
-    assert right >= 9  # of 18
-
-
-def is_found(answers, true, model):
-    for answer in answers:
-        pose = np.eye(4)
-        pose[:3, :3] = np.reshape(answer["cam_R_m2c"], (3, 3))
-        pose[:3, 3] = np.array(answer["cam_t_m2c"]) / 1000.0
-        if add_s(pose, true, model.mesh.vertices) < 0.1 * model.diameter:
-            return True
-    return False

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.errors import DataError, HlpError
 from hlp.method.find.estimator import PoseEstimator
-from run_files import logged_run, logged_runs, read_json, rows, stages
+from run_files import logged_run, logged_runs, read_json, stages
+from table_text import csv_rows
 from tiny_run import start_run
 
 pytestmark = pytest.mark.slow
@@ -19,7 +19,7 @@ LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
 
 
 def poses_without_times(path):
-    return [{key: value for key, value in row.items() if key != "time"} for row in rows(path)]
+    return [{key: value for key, value in row.items() if key != "time"} for row in csv_rows(path)]
 
 
 def statuses(folder):
@@ -47,32 +47,6 @@ def test_other_refinement_makes_only_poses_and_links_to_the_run_that_trained(tin
     assert run.data.tags["classifier_of_run"] == run_id
     assert len(client.get_metric_history(run_id, "classifier/loss")) == 1
     assert "classifier/loss" not in run.data.metrics
-
-
-def test_a_run_decodes_every_frame_once(tiny_run, call, monkeypatch):
-    """Detection, scores and causes of misses share one decode, found or not.
-
-    Only panels, report and pictures of the stages, which show chosen frames and targets, decode
-    these again.
-    """
-    decoded = []
-    load = SyntheticScenes.load
-
-    def counted(self, key):
-        if self._targets:  # the others are rooms, for training
-            decoded.append(key)
-        return load(self, key)
-
-    monkeypatch.setattr(SyntheticScenes, "load", counted)
-    overrides = (*tiny_run.overrides, "patches.region.threshold=0.6", "panels=2")
-    assert call(*overrides, "output=decoded")[0] == 0
-    output = tiny_run.folder / "decoded"
-    assert stages(output, reused=False) == {"regions": 1, "hypotheses": 1, "poses": 1}
-    waterfall = read_json(output / "summary.json")["waterfall"]["total"]
-    assert waterfall["correct"] < sum(waterfall.values())  # there are misses to explain
-    assert len([*(output / "panels").iterdir()]) == 4  # all poses, and the panels of a target
-    assert decoded[:2] == ["000000_000000", "000012_000000"]
-    assert max(map(decoded[2:].count, decoded), default=0) <= 3
 
 
 @pytest.mark.parametrize("error", [DataError("depth is odd"), ValueError("a bug")])

@@ -13,8 +13,9 @@ from hlp.runs.runner import stages_of
 from hlp.runs.stage_samples import FrameResults, search_again
 from hlp.stages.manifest import library_builds, processor
 from hlp.stages.store import StageStore
-from run_files import logged_run, read_json, rows, stages
+from run_files import logged_run, read_json, stages
 from same_answers import compare_answers
+from table_text import csv_rows
 
 METRICS = ("add", "5cm5deg", "iou50")
 VERDICTS = {"add": "add_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
@@ -42,7 +43,7 @@ def truth():
 
 def test_summary_says_what_the_scores_say(tiny_run):
     summary = read_json(tiny_run.output / "summary.json")
-    scores = rows(tiny_run.output / "scores.csv")
+    scores = csv_rows(tiny_run.output / "scores.csv")
     assert {"targets", "metrics", "per_object", "timing_ms", "waterfall"} <= summary.keys()
     assert summary["targets"] == len(scores)
     assert tuple(summary["metrics"]) == METRICS
@@ -76,7 +77,7 @@ def test_summary_says_what_the_scores_say(tiny_run):
 
 
 def test_scores_have_one_row_a_target(tiny_run, truth):
-    scores = rows(tiny_run.output / "scores.csv")
+    scores = csv_rows(tiny_run.output / "scores.csv")
     assert [target_of(row) for row in scores] == sorted(truth)
     names = {object_id: model.name for object_id, model in demo_objects().items()}
     for row in scores:
@@ -90,10 +91,10 @@ def test_poses_are_in_bops_format_and_give_the_scores(tiny_run, truth):
     path = tiny_run.output / "poses.csv"
     assert path.read_text().splitlines()[0] == "scene_id,im_id,obj_id,score,R,t,time"
     models = demo_objects()
-    poses = {target_of(row): row for row in rows(path)}
+    poses = {target_of(row): row for row in csv_rows(path)}
     assert poses.keys() <= truth.keys()
     checked = 0
-    for row in rows(tiny_run.output / "scores.csv"):
+    for row in csv_rows(tiny_run.output / "scores.csv"):
         target = target_of(row)
         assert int(row["found"]) == (target in poses)
         if target not in poses:
@@ -157,7 +158,7 @@ def test_panels_are_pictures(tiny_run):
 def test_a_run_draws_what_each_stage_works_with(tiny_run):
     drawn = list((tiny_run.output / "stages").iterdir())
     pictures = {"viewpoints", "views", "training_windows", "nearest_entries", "swarm_costs"}
-    assert {path.stem for path in drawn} - {"missed_swarm_costs"} == pictures
+    assert {path.stem for path in drawn} == pictures
     for path in drawn:
         assert path.suffix == ".jpg" and path.stat().st_size < 400_000
         assert min(cv2.imread(str(path)).shape[:2]) > 100
@@ -167,7 +168,7 @@ def test_its_searches_are_repeated_to_the_poses_that_it_has_found(tiny_run):
     run, compared = tiny_run.build("machine.threads=1"), 0
     detection = stages_of(run, StageStore(tiny_run.folder / "work"))
     for key in detection.keys[:1]:
-        found = FrameResults.read(detection, key, [])
+        found = FrameResults.read(detection, [], key)
         for object_id in {target.object_id for target in found.frame.targets}:
             refined = found.trace[object_id].refined
             for row, source in enumerate([] if refined is None else refined.sources):
@@ -196,7 +197,8 @@ def test_console_tells_the_stages_and_where_the_results_are(tiny_run):
     assert "reused" not in said
     own = ("made ", "drawn ", "step ")
     log = said[: said.index("Recall")].splitlines()
-    assert [line for line in log if not line.startswith(own)] == []
+    others = [line for line in log if not line.startswith(own)]
+    assert [line for line in others if not line.endswith(" left")] == []  # of slow machines
     assert str(tiny_run.made_in / "first") in said
     assert str(Path("first") / "stages") in said
     assert "Times: measured by this run on 2 frames." in said
@@ -230,7 +232,7 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run):
 def test_the_report_shows_every_target_and_stands_alone(tiny_run):
     page = (tiny_run.output / "report.html").read_text()
     index = read_json(tiny_run.output / "report" / "index.json")
-    scores = rows(tiny_run.output / "scores.csv")
+    scores = csv_rows(tiny_run.output / "scores.csv")
     shown = {tuple(target["key"][:3]) for target in index["targets"]}
     missed = {target_of(row) for row in scores if not int(row["add_correct"])}
     assert missed <= shown <= set(map(target_of, scores))
@@ -241,35 +243,17 @@ def test_the_report_shows_every_target_and_stands_alone(tiny_run):
     assert len(page) < 15e6
 
 
-@pytest.fixture
-def dataset(tmp_path):
-    """A data set without any mesh."""
-    for folder in ("models", "test", "photos", "rooms"):
-        (tmp_path / "lm" / folder).mkdir(parents=True)
-    return tmp_path / "lm"
-
-
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
         (["refinement.partikles=3"], ["refinement.partikles"]),
         (["encoder=none"], ["Could not find 'encoder/none'", "contrastive"]),
-        (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),
         (["experiment=linemod_bop", "data.root=nowhere"], ["data.root is not a folder", "nowhere"]),
-        (
-            [
-                *("experiment=linemod_bop", "data.root={root}", "data.photographs=null"),
-                *("data.rooms=null", "data.rgbd_frames=null"),
-            ],
-            ["no mesh of object 1 (ape)", "obj_000001.ply"],
-        ),
     ],
 )
-def test_wrong_input_is_named_before_any_stage(
-    call, dataset, tmp_path, monkeypatch, overrides, words
-):
+def test_wrong_input_is_named_before_any_stage(call, tmp_path, monkeypatch, overrides, words):
     monkeypatch.chdir(tmp_path)
-    code, said, error = call(*[override.format(root=dataset) for override in overrides])
+    code, said, error = call(*overrides)
     assert code in {1, 2}
     assert said == ""
     assert error.startswith("hlp: ")

@@ -8,18 +8,19 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands import report
 from hlp.commands.composing import config_folder
-from run_files import children_of, read_json, rows
-from tiny_run import Call, TinyRun, start_run
+from run_files import children_of, read_json
+from table_text import csv_rows
+from tiny_run import start_run
 
 
-def needs(plugin: str) -> pytest.MarkDecorator:
+def needs(plugin):
     """Hydra takes long to say that a plugin is missing, so it is looked for here."""
     missing = find_spec("hydra_plugins") is None or find_spec(f"hydra_plugins.{plugin}") is None
     return pytest.mark.skipif(missing, reason=f"{plugin} is not installed")
 
 
 @pytest.mark.slow
-def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call: Call) -> None:
+def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run, call):
     """No particles: refused before any stage. The next run of the sweep is not stopped by it."""
     code, _, error = call("-m", *tiny_run.overrides, "refinement.particles=0,5", "output=failing")
     assert code == 1
@@ -43,7 +44,7 @@ def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call
 
 
 @pytest.mark.slow
-def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, call: Call) -> None:
+def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run, call):
     """Also if a run failed: no particles."""
     given = ("task=oracle", "task.frames=1", "refinement.particles=0,5,6", "output=oracles")
     code, said, error = call(*tiny_run.overrides, "-m", *given)
@@ -67,15 +68,13 @@ def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, c
 
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_sweep_and_report_write_the_papers_figure(
-    tiny_run: TinyRun, call: Call, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_sweep_and_report_write_the_papers_figure(tiny_run, call, capsys):
     """Refined poses, and coarse ones; nothing is learnt again for either."""
     given = ("experiment=pso_vs_icp", "refinement=icp,none", "output=outputs/pso_vs_icp/tiny")
     code, _, error = call(*tiny_run.overrides, *given)
     assert code == 0, error
     folder = tiny_run.folder / "outputs" / "pso_vs_icp" / "tiny"
-    found = rows(folder / "pso_vs_icp.csv")
+    found = csv_rows(folder / "pso_vs_icp.csv")
     assert [row["refinement"] for row in found] == ["icp", "none"]
     assert found[0]["targets"] == found[1]["targets"]
     (folder / "pso_vs_icp.svg").unlink()
@@ -86,33 +85,10 @@ def test_sweep_and_report_write_the_papers_figure(
     assert (folder / "pso_vs_icp.svg").is_file()
 
 
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_a_sweep_over_threads_measures_each_of_its_runs(tiny_run: TinyRun, call: Call) -> None:
-    """All stages are on disk, since threads change no result; the times are not."""
-    own = ("timing_frames=1", "output=threads")
-    code, said, error = call("-m", *tiny_run.overrides, *own, "machine.threads=1,2")
-    assert code == 0, error
-    folders = [tiny_run.folder / "threads" / name for name in "01"]
-    found = [read_json(folder / "summary.json") for folder in folders]
-    first = read_json(tiny_run.output / "summary.json")
-    for summary in found:
-        assert summary["metrics"] == first["metrics"]
-        assert summary["timing"]["reused_stages"] == ["regions", "hypotheses", "poses"]
-        assert summary["timing"]["frames"] == 1
-        assert 0 < summary["timing"]["objects"] < first["timing"]["objects"]
-    times = [summary["timing_ms"]["total"]["median"] for summary in (first, *found)]
-    assert len(set(times)) == 3
-    words = " ".join(said.split())  # lines of a terminal
-    assert words.count("were reused; measured again on 1 frame.") == 2
-    for folder in folders:
-        assert {row["time"] for row in rows(folder / "poses.csv")} == {"-1.0"}
-
-
 @needs("hydra_joblib_launcher")
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_settings_side_by_side_leave_what_settings_in_turn_leave(tiny_run: TinyRun) -> None:
+def test_settings_side_by_side_leave_what_settings_in_turn_leave(tiny_run):
     """Four processes at once, of which one has a wrong value: that one is a FAILED run."""
     swept = ("-m", *tiny_run.overrides, "panels=0", "refinement.particles=0,5,6,7", "output=cores")
     launcher = ("hydra/launcher=cores", "hydra.launcher.n_jobs=4")
@@ -127,7 +103,7 @@ def test_settings_side_by_side_leave_what_settings_in_turn_leave(tiny_run: TinyR
 
 
 @needs("hydra_submitit_launcher")
-def test_slurm_is_told_what_a_run_needs() -> None:
+def test_slurm_is_told_what_a_run_needs():
     chosen = ["hydra/launcher=slurm", "hydra.launcher.partition=cpu", "output=out"]
     with initialize_config_dir(str(config_folder()), version_base="1.3"):
         launcher = compose("config", overrides=chosen, return_hydra_config=True).hydra.launcher

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from hlp.method.learn.model_files import read_history, read_weights
-from hlp.models.classifier_training import HolisticCNN
+from hlp.models.network_training import HolisticCNN
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.stages.warm_start import WarmStartSettings
@@ -86,7 +86,7 @@ def test_what_cannot_be_gone_on_from_is_named(run, earlier, tmp_path):
     with pytest.raises(ValueError, match="has other settings: local"):
         other.encoder()
     shutil.rmtree(earlier.encoder().folder)
-    with pytest.raises(FileNotFoundError, match="no encoder of"):
+    with pytest.raises(FileNotFoundError, match="has no encoder that"):
         training_of(run, manifest=manifest).encoder()
     with pytest.raises(FileNotFoundError, match="there is no file"):
         training_of(run, manifest=tmp_path / "other.json").classifier()

@@ -1,11 +1,9 @@
 """A frame for the tests of the detector."""
 
-import dataclasses
-
 import pytest
 
-from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
+from tiny_method import MODELS
 
 DEMO = SyntheticSettings(
     scenes=12,
@@ -26,11 +24,11 @@ DEMO = SyntheticSettings(
 @pytest.fixture(scope="session")
 def frame():
     """A demo scene that shows the bear clearly."""
-    scenes = SyntheticScenes(dataclasses.replace(DEMO, scenes=12, width=320, height=240))
+    scenes, bear = SyntheticScenes(DEMO), MODELS["bear"].object_id
     frames = [scenes.load(key) for key in scenes.keys]
-    bear = next(item.object_id for item in demo_objects().values() if item.name == "bear")
-    return max(frames, key=lambda entry: visible(entry, bear))
 
+    def visible(frame):
+        bears = (t.visible_fraction for t in frame.targets if t.object_id == bear)
+        return max(bears, default=0.0)
 
-def visible(frame, object_id):
-    return max((t.visible_fraction for t in frame.targets if t.object_id == object_id), default=0.0)
+    return max(frames, key=visible)

@@ -1,8 +1,6 @@
 """The method's settings: usable alone, equal to what is composed, kept as JSON."""
 
 import json
-import subprocess
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -46,20 +44,6 @@ def test_linemod_differs_in_its_range_of_poses_alone():
 def test_they_come_back_from_json(overrides):
     settings = composed(*overrides)
     assert read_settings(MethodSettings, json.loads(json.dumps(asdict(settings)))) == settings
-
-
-def test_reading_them_needs_no_framework():
-    code = (
-        "import sys\n"
-        "from dataclasses import asdict\n"
-        "from hlp.method.settings import MethodSettings\n"
-        "from hlp.settings import read_settings\n"
-        "assert read_settings(MethodSettings, asdict(MethodSettings())) == MethodSettings()\n"
-        "heavy = {'torch', 'pytorch_lightning', 'pydantic', 'hydra', 'omegaconf', 'matplotlib'}\n"
-        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 def test_what_does_not_go_together_is_refused():

@@ -12,7 +12,7 @@ from hlp import Detector
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.fingerprints import sealed
 from hlp.method.learn.learnt_folder import RECORD
-from tiny_method import MODELS, tiny_method, write_mesh
+from tiny_method import tiny_method, write_meshes
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def test_a_folder_holds_nothing_that_runs_code(learnt):
 def test_wrong_folders_and_names_are_refused(learnt, folder, tmp_path):
     with pytest.raises(MissingFileError, match="no learnt objects"):
         Detector.load(tmp_path)
-    mesh, new = write_mesh(tmp_path, MODELS["bear"]), tmp_path / "new"
+    mesh, new = write_meshes(tmp_path, "bear")["bear"], tmp_path / "new"
     for meshes, target, words in (
         ({"bear": mesh}, learnt, "holds learnt objects already"),
         ({"../bear": mesh}, new, r"object name '\.\./bear'"),
@@ -75,8 +75,8 @@ def test_learning_into_a_damaged_folder_makes_it_again(folder, tmp_path, monkeyp
 
     damage([folder / file], "flipped")
     with pytest.raises(DataError, match=re.escape(file)):
-        Detector.load(folder).add({"duck": write_mesh(tmp_path, MODELS["duck"])})
-    meshes = {name: write_mesh(tmp_path, MODELS[name]) for name in ("bear", "can")}
+        Detector.load(folder).add(write_meshes(tmp_path, "duck"))
+    meshes = write_meshes(tmp_path, "bear", "can")
     monkeypatch.setattr(learning, "train_classifier", lambda *_: 1 / 0)
     for _ in range(2):
         with pytest.raises(ZeroDivisionError):

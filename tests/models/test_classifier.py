@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from hlp.models.classifier import class_probabilities
-from hlp.models.classifier_training import HolisticCNN
 from hlp.models.network import load_network
+from hlp.models.network_training import HolisticCNN
 from hlp.models.onnx_export import export_network
 from networks import trained
 
@@ -28,7 +28,7 @@ def test_probabilities_are_the_softmax_of_each_window_in_whatever_company(channe
     sample = scaled(random_levels(256, channels, seed=9))
     export_network(network.layers, sample, tmp_path / "classifier", levels=True)
     loaded = load_network(tmp_path / "classifier", threads=2)
-    levels = random_levels(300, channels)  # more than one chunk
+    levels = random_levels(300, channels)
     found = class_probabilities(loaded, levels)
     assert found.shape == (300, 3) and found.dtype == np.float32
     np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-5)

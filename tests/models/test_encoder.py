@@ -6,8 +6,8 @@ import torch
 from scipy.ndimage import uniform_filter
 
 from hlp.models.encoder import normals_with_depth, patch_input
-from hlp.models.encoder_training import PatchEncoder
 from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
+from hlp.models.network_training import PatchEncoder
 from hlp.models.onnx_export import export_network
 from hlp.patches.local import take_patches
 from networks import trained

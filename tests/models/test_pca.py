@@ -43,7 +43,7 @@ def test_components_equal_those_of_the_singular_value_decomposition():
     np.testing.assert_allclose(overlap, 1.0, atol=1e-3)
 
 
-def test_features_are_projections_and_keep_distances():
+def test_features_are_projections():
     patches, others = make_patches(200), make_patches(30, seed=1)
     pca = fitted(patches, 48)
     features = pca.encode(others)
@@ -51,10 +51,6 @@ def test_features_are_projections_and_keep_distances():
     data = averaged(others)
     expected = (data - averaged(patches).mean(axis=0)) @ pca.components.T
     np.testing.assert_allclose(features, expected, atol=1e-4)
-    # With all 3·4·4 components nothing is lost.
-    first = np.linalg.norm(features[:, None] - features, axis=2)
-    second = np.linalg.norm(data[:, None] - data, axis=2)
-    np.testing.assert_allclose(first, second, atol=1e-4)
 
 
 def test_a_patch_has_one_feature_in_whatever_company():

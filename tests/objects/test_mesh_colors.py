@@ -1,6 +1,5 @@
 """Textures and colours of mesh files."""
 
-import json
 import logging
 
 import numpy as np
@@ -89,18 +88,3 @@ def test_one_grey_is_no_colour_but_one_red_is(tmp_path):
         box.visual = trimesh.visual.ColorVisuals(box, vertex_colors=[color] * 8)
         box.export(tmp_path / "box.ply")
         assert load_mesh(tmp_path / "box.ply").colored is colored
-
-
-def test_a_gltf_without_its_image_is_grey_and_says_so(tmp_path, caplog):
-    box = trimesh.creation.box((0.03, 0.03, 0.03))
-    image = Image.fromarray(np.full((8, 8, 3), (10, 200, 30), np.uint8))
-    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=image)
-    for name, content in trimesh.Scene([box]).export(file_type="gltf").items():
-        (tmp_path / name).write_bytes(content)
-    path = tmp_path / "model.gltf"
-    content = json.loads(path.read_text())
-    content["images"] = [{"uri": "not%20here.png"}]
-    path.write_text(json.dumps(content))
-    mesh = load_mesh(path, 1.0)
-    assert not mesh.colored and mesh.texture is None
-    assert "its texture not here.png is missing" in caplog.text

@@ -75,14 +75,6 @@ def test_a_listed_diameter_and_symmetries_win(mesh_path):
     assert len(model.near_symmetries) == 0
 
 
-@pytest.mark.parametrize(
-    ("sizes", "key"), [((0.0, 40.0), "holistic_size_mm"), ((80.0, -1.0), "local_size_mm")]
-)
-def test_a_size_that_is_not_positive_is_named(mesh_path, sizes, key):
-    with pytest.raises(ConfigError, match=f"{key} is .*: it must be above 0"):
-        _build(mesh_path, *sizes)
-
-
 def test_two_objects_of_one_id_and_none_at_all_are_refused():
     with pytest.raises(ValueError, match="cam and can"):
         check_unique({"cam": ObjectSettings(4, None, None), "can": ObjectSettings(4, 1.0, 1.0)})

@@ -44,8 +44,3 @@ def test_the_generator_decides():
 def test_any_size_works(size):
     assert procedural_backgrounds(3, size, np.random.default_rng(0)).shape == (3, size, size, 3)
     assert procedural_backgrounds(0, size, np.random.default_rng(0)).shape == (0, size, size, 3)
-
-
-def test_impossible_numbers_are_refused():
-    with pytest.raises(ValueError, match="positive"):
-        procedural_backgrounds(3, 0, np.random.default_rng(0))

@@ -37,7 +37,7 @@ def cuts(monkeypatch):
     cut = holistic_pool.cut_windows
 
     def spy(rgb, depth, windows, size, resolution):
-        seen.append((windows.centers[0], windows.depths[0], windows.sides[0], size))
+        seen.extend(zip(windows.centers, windows.depths, windows.sides, size.ravel(), strict=True))
         return cut(rgb, depth, windows, size, resolution)
 
     monkeypatch.setattr(holistic_pool, "cut_windows", spy)

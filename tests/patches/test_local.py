@@ -132,19 +132,6 @@ def test_surface_pixels_are_drawn_from_the_surface_without_repetition():
     assert (surface_pixels(depth, 10, np.random.default_rng(1)) != drawn).any()
 
 
-def test_patches_without_colour_are_the_same_but_for_it():
-    rng = np.random.default_rng(5)
-    rgb = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
-    depth = rng.uniform(0.95, 1.05, (120, 160)).astype(np.float32)
-    pixels = np.array([[40, 30], [80, 60], [120, 90]])
-    settings = LocalSettings(32, 1.0, True)
-    given = (rgb, depth, CAMERA, pixels, 0.1, settings, 0.1)
-    full, plain = cut_local_patches(*given), cut_local_patches(*given, with_color=False)
-    assert full.color.shape == (3, 32, 32, 3) and plain.color.shape == (3, 32, 32, 0)
-    for name in ("depth", "valid", "points_cam", "pixels"):
-        np.testing.assert_array_equal(getattr(full, name), getattr(plain, name))
-
-
 def test_the_deviation_is_the_distance_from_the_best_plane():
     rng = np.random.default_rng(0)
     axis = np.linspace(-1, 1, 16)

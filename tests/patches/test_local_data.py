@@ -164,16 +164,6 @@ def generator():
     return torch.Generator().manual_seed(0)
 
 
-def test_uniform_normal_and_smooth_noise_have_their_ranges():
-    drawn = local_data.uniform(generator(), (20_000,), -0.5, 1.5)
-    assert drawn.min() >= -0.5 and drawn.max() < 1.5
-    assert float(drawn.mean()) == pytest.approx(0.5, abs=0.02)
-    spread = float(local_data.normal(generator(), (20_000,), 0.3).std())
-    assert spread == pytest.approx(0.3, abs=0.01)
-    field = local_data.smooth_noise(generator(), 50, 32, 4)
-    assert float(field.diff(dim=2).abs().mean()) < 0.3 * float(field.std())
-
-
 def test_the_surface_keeps_black_black_and_a_grey_object_is_tinted_as_one():
     grey = torch.full((4, 3, 8, 8), 0.5)
     varied = local_data.vary_surface(grey, generator())
@@ -182,15 +172,9 @@ def test_the_surface_keeps_black_black_and_a_grey_object_is_tinted_as_one():
     assert torch.equal(local_data.vary_surface(torch.zeros_like(grey), generator()), 0 * grey)
 
 
-def test_the_camera_keeps_colours_between_0_and_1():
-    varied = local_data.vary_camera(torch.rand((200, 3, 16, 16)) * 3.0, generator())
-    assert varied.min() >= 0 and varied.max() <= 1
-    assert torch.isfinite(varied).all()
-
-
 def test_blur_smooths_its_share_with_the_binomial_kernel():
     source = torch.rand((400, 3, 8, 8), generator=generator())
-    blurred = local_data.blur(source, generator(), 0.5)
+    blurred = local_data.blur(source, generator())
     line = np.array([0.25, 0.5, 0.25])
     kernel = np.outer(line, line)
     counts = {"sharp": 0, "once": 0, "twice": 0}
@@ -202,15 +186,3 @@ def test_blur_smooths_its_share_with_the_binomial_kernel():
     assert sum(counts.values()) == 400
     assert counts["sharp"] == pytest.approx(200, abs=40)
     assert counts["once"] == pytest.approx(100, abs=35)
-
-
-def test_rectangles_are_rectangles_of_the_asked_size_and_share():
-    n, size = 600, 40
-    masks = local_data.rectangles(generator(), n, size, 0.5, 0.2, 0.6).numpy()
-    drawn = [mask for mask in masks if mask.any()]
-    assert 0.3 * n < len(drawn) < 0.5 * n  # half, but one in six of those lies off the image
-    for mask in drawn:
-        y, x = np.nonzero(mask)
-        assert mask[y.min() : y.max() + 1, x.min() : x.max() + 1].all()
-        assert max(np.ptp(y), np.ptp(x)) + 1 <= 0.6 * size + 1
-    assert not local_data.rectangles(generator(), n, size, 0.0, 0.2, 0.6).any()

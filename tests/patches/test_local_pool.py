@@ -3,10 +3,9 @@ import pytest
 
 from hlp.geometry import rotation_distance
 from hlp.patches import local_pool
-from hlp.patches.local import LocalSettings, take_patches
+from hlp.patches.local import LocalSettings
 from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import PairSettings, bake_frame_patches, bake_pairs, cut_view_patches
-from hlp.patches.sampling import join
 
 LOCAL = LocalSettings(16, 1.5, True)
 COUNT = 200
@@ -90,15 +89,6 @@ def test_colour_is_left_out_where_it_is_not_needed(views, model):
     assert seen[1].color.shape == bare.color.shape
     np.testing.assert_array_equal(seen[1].depth, seen[0].depth)
     np.testing.assert_array_equal(seen[1].valid, seen[0].valid)
-
-
-def test_patches_are_joined_and_taken_by_row(views, model):
-    pixels = np.stack(np.nonzero(views.depth[0].T > 0), axis=1)[::40]
-    first = cut_view_patches(views, 0, pixels, model.local_size, LOCAL, True)
-    joined = join([first, first])
-    taken = take_patches(joined, np.array([len(first) + 2, 0]))
-    np.testing.assert_array_equal(taken.points_cam, first.points_cam[[2, 0]])
-    np.testing.assert_array_equal(taken.color, first.color[[2, 0]])
 
 
 def test_frames_give_patches_of_every_size_with_enough_depth(room):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hlp.kernels import ThreadTeam
-from hlp.patches.holistic import HolisticSettings, Windows, cut_windows, metric_windows
+from hlp.patches.holistic import HolisticSettings, Windows, cut_windows
 from hlp.patches.window_images import WindowImages
 
 RGBD = HolisticSettings(16, "rgbd")
@@ -50,14 +50,6 @@ def test_images_are_those_that_training_makes(low, high, channels):
     found = WindowImages(rgb, depth, settings, ThreadTeam(1)).cut(windows, 0.15)
     assert found.shape[3] == len(channels)
     assert_same(found, reference(rgb, depth, windows, 0.15, settings), 1e-3)
-
-
-def test_windows_on_the_grid_of_a_frame(room):
-    windows = metric_windows(room.depth, room.camera_matrix, 0.1, 8)
-    found = WindowImages(room.rgb, room.depth, RGBD, ThreadTeam(2)).cut(windows, 0.1)
-    expected = reference(room.rgb, room.depth, windows, 0.1, RGBD)
-    # A synthetic ramp is halfway between two levels more often than a photograph.
-    assert_same(found, expected, 1e-2)
 
 
 def test_threads_and_chunks_change_nothing():

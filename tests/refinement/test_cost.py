@@ -136,13 +136,13 @@ def test_region_samples_pixels_of_the_image_under_its_own_camera(scene, cost_set
 def test_edges_are_on_the_near_side():
     depth = np.full((6, 8), 1.0)
     depth[:, 4:] = 0.9
-    depth[2, 1] = 0.0
     expected = np.zeros((6, 8), dtype=bool)
     expected[:, 4] = True
     for y, x in ((1, 1), (3, 1), (2, 0), (2, 2)):
         expected[y, x] = True
-    np.testing.assert_array_equal(depth_edges(depth, 0.05), expected)
-    np.testing.assert_array_equal(slow_edges(depth, 0.05), expected)
+    for missing in (0.0, np.nan, np.inf, -1.0):
+        depth[2, 1] = missing
+        np.testing.assert_array_equal(depth_edges(depth, 0.05), expected)
     assert not depth_edges(depth[3:], 0.2).any()
 
 
@@ -154,13 +154,3 @@ def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(scene, cost_set
     for depth, pose in ((empty, scene.pose), (scene.depth, away), (scene.depth, behind)):
         cost = DepthCost(scene.model.proxy, depth, CAMERA, pose, cost_settings)
         assert cost.evaluate(pose[None])[0] == WORST
-
-
-def test_what_is_not_finite_is_missing():
-    depth = np.full((5, 5), 1.0)
-    depth[2, 2] = 0.0
-    missing = depth_edges(depth, 0.1)
-    assert missing.sum() == 4
-    for fill in (np.nan, np.inf, -1.0):
-        depth[2, 2] = fill
-        np.testing.assert_array_equal(depth_edges(depth, 0.1), missing)

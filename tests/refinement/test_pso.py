@@ -7,19 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from generated_values import SEEDS, numbers, poses_in_front, share_of_examples, vectors
+from generated_values import SEEDS, numbers, poses_in_front, vectors
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses, Refinement
-from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.pso import (
     PsoRefiner,
     PsoSettings,
     apply_offsets,
     search,
-    update_personal_bests,
     update_swarm,
 )
-from refinement_scene import CAMERA, disturbed, error, posed
+from refinement_scene import disturbed, error, posed
 
 CENTROID = np.array([0.02, -0.01, 0.03])
 RNG = np.random.default_rng(0)
@@ -173,20 +171,6 @@ def test_flight_is_the_textbooks():
     assert (np.abs(position) == 1.0).any() and (np.abs(position) < 1.0).any()
 
 
-def test_memory_holds_each_particles_best_and_names_the_swarms():
-    position, personal_best = RNG.uniform(-1, 1, (2, 25, 6))
-    cost, personal_best_cost = RNG.random((2, 25))
-    better = cost < personal_best_cost
-    expected = np.where(better[:, None], position, personal_best)
-    lowest = np.minimum(cost, personal_best_cost)
-    best = update_personal_bests(position, cost, personal_best, personal_best_cost)
-    np.testing.assert_array_equal(personal_best, expected)
-    np.testing.assert_array_equal(personal_best_cost, lowest)
-    assert best == lowest.argmin()
-    equal = np.full(25, 0.5)
-    assert update_personal_bests(position, np.ones(25), personal_best, equal) == 0  # the first
-
-
 class Rippled:
     """A cost with many minima: waves over the twelve numbers of a pose."""
 
@@ -226,17 +210,3 @@ def test_the_answer_is_the_best_pose_that_was_tried(chosen, start, centroid, see
     assert 0 <= iterations <= chosen.iterations
     rotation = found[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
-
-
-@share_of_examples(4)
-@given(numbers(0.0, 30.0), numbers(0.0, 30.0), SEEDS)
-def test_a_refined_pose_fits_the_depth_no_worse_than_the_coarse_one(
-    scene, degrees, millimetres, seed
-):
-    coarse = disturbed(scene, degrees, millimetres, seed)
-    few = replace(PsoSettings(), particles=6, iterations=4, cost=CostSettings())
-    given_ = (scene.model, scene.seen)
-    found = PsoRefiner(few).refine(*given_, Hypotheses(coarse[None], np.ones(1)), seed)[0]
-    cost = DepthCost(scene.model.proxy, scene.depth, CAMERA, coarse, few.cost)
-    before, after = cost.evaluate(np.stack([coarse, found.pose_cam_obj]))
-    assert after <= before + 1e-6

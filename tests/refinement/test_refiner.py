@@ -57,8 +57,6 @@ def test_the_next_frames_pose_is_followed(pso_settings, icp_settings):
             found = refiner.follow(scene.model, scene.seen, last, seed)
             errors.append(error(scene, found.pose_cam_obj) / error(scene, last))
         assert np.median(errors) < 0.4
-    with pytest.raises(ValueError, match="behind the camera"):
-        PsoRefiner(pso_settings).follow(scene.model, scene.seen, -last, 0)
 
 
 def test_small_perturbations_are_recovered_by_icp(icp_settings):
@@ -104,15 +102,6 @@ def test_no_depth_gives_the_coarse_pose(scene, refiner):
 def test_no_hypotheses_no_results(scene, refiner):
     none = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
     assert refiner.refine(scene.model, scene.seen, none, seed=0) == []
-
-
-def test_a_bad_hypothesis_is_named(scene, refiner):
-    bad, behind = scene.pose.copy(), scene.pose.copy()
-    bad[1, 1], behind[2, 3] = np.nan, -0.5
-    with pytest.raises(ValueError, match=r"hypothesis 1.*finite"):
-        refiner.refine(scene.model, scene.seen, hypotheses(scene.pose, bad), seed=0)
-    with pytest.raises(ValueError, match=r"hypothesis 0.*behind"):
-        refiner.refine(scene.model, scene.seen, hypotheses(behind), seed=0)
 
 
 def test_the_meshs_origin_does_not_matter(scene, refiner):

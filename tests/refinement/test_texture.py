@@ -196,9 +196,7 @@ def test_surface_and_normals_are_those_of_numpy_to_the_last_bit():
     depth = rng.uniform(0.4, 0.8, (30, 40)).astype(np.float32)
     used = rng.random(depth.shape) < 0.6
     used[0, 3], used[5, 0], used[-1, 7], used[9, -1] = True, True, True, True
-    count = int(used.sum())
-    surface, normals = np.empty((count, 3)), np.empty((count, 3))
-    surface_and_normals(depth, used, CAMERA, surface, normals)
+    surface, normals = surface_and_normals(depth, used, int(used.sum()), CAMERA)
     rows, columns = np.indices(depth.shape)
     pixels = np.stack([columns, rows], axis=-1).astype(float)
     seen = back_project(pixels, depth.astype(float), CAMERA)

@@ -7,7 +7,6 @@ import pytest
 from scipy.ndimage import distance_transform_edt, sobel
 
 from hlp.image_edges import NO_EDGE, color_edges
-from hlp.records import Mesh
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification import Evidence, VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import Light, render_depth, render_rgbd
@@ -132,18 +131,6 @@ def replace_depth(scene, depth):
     return replace(scene, depth=depth)
 
 
-def test_colour_distinguishes_objects_of_the_same_shape(scene, verification):
-    model = scene.model
-    blue = np.tile(np.array([40, 60, 190], dtype=np.uint8), (len(model.proxy.vertices), 1))
-    painted = Mesh(model.proxy.vertices, model.proxy.faces, blue, model.proxy.normals)
-    other = replace(model, proxy=painted)
-    args = (seen(scene, verification), scene.pose[None])
-    own = Verifier(model, verification).costs(*args)[0]
-    assert Verifier(other, verification).costs(*args)[0] > own + 0.05
-    blind = replace(verification, weight_color=0.0)
-    assert Verifier(other, blind).costs(*args)[0] == Verifier(model, blind).costs(*args)[0]
-
-
 def test_colour_takes_no_part_for_a_mesh_without_colours(scene, verification):
     grey = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
     verification = replace(verification, tau_image_edge_mm=None)
@@ -176,12 +163,6 @@ def test_poses_with_few_votes_pay_for_it(scene, verification):
     found = verifier.competing_costs(seen(scene, verification), poses, np.array([5.0, 50.0, 0.0]))
     weight = verification.support_cost
     np.testing.assert_allclose(found - found[1], [weight * np.log(10), 0.0, weight * np.log(100)])
-
-
-@pytest.mark.parametrize("light", [0.4, 1.0])
-def test_brightness_does_not_count(scene, verification, light):
-    dimmed = replace(scene, rgb=(scene.rgb * light).astype(np.uint8))
-    assert evidence(dimmed, scene.pose, verification).color < 0.2
 
 
 @pytest.mark.parametrize("fill", [0.0, np.nan])

@@ -123,8 +123,6 @@ def test_bad_input_is_named():
     poses[1, 0, 3] = np.nan
     with pytest.raises(ValueError, match=r"poses_cam_obj\[1\]"):
         render_depth(mesh, poses, CAMERA, SHAPE)
-    with pytest.raises(ValueError, match="at least one"):
-        render_scene([], CAMERA, SHAPE, AMBIENT)
 
 
 def shade_one(albedo, normal, view, light):
@@ -166,8 +164,6 @@ def test_random_lights_stay_in_the_cameras_half_space():
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
     assert (directions[:, 2] < 0).all()
     assert directions[:, 0].std() > 0.4 and directions[:, 1].std() > 0.4
-    assert all(0.3 <= light.ambient <= 0.9 for light in lights)
-    assert np.std([light.specular for light in lights]) > 0.05
 
 
 SMALL = (24, 32)

@@ -10,7 +10,6 @@ from hlp.reporting.comparison import (
     compare_runs,
     differences_table,
     mcnemar_exact,
-    mean_and_spread,
     read_targets,
 )
 from hlp.results.poses_file import write_scores
@@ -63,20 +62,6 @@ def test_tables_say_who_is_right_where(tmp_path: Path) -> None:
     ]
 
 
-def test_instances_of_one_object_in_a_frame_are_compared_one_by_one(tmp_path: Path) -> None:
-    """Three cats in one image: the first changes, the others do not."""
-    for name, verdicts in (("a", (True, False, True)), ("b", (False, False, True))):
-        write_scores(
-            tmp_path / f"{name}.csv", [score(0, 6, verdict) for verdict in verdicts], NAMES
-        )
-    first, second = (read_targets(tmp_path / f"{name}.csv") for name in "ab")
-    assert list(first) == [(1, 0, 6, 0), (1, 0, 6, 1), (1, 0, 6, 2)]
-    pairs = [(target, first[target], second[target]) for target in first]
-    (row,) = differences_table(pairs, "add").rows
-    assert list(row[:5]) == ["cat", "3", "0.667", "0.333", "-0.333"]
-    assert len(changes_table(pairs).rows) == 1
-
-
 def test_only_targets_of_both_are_compared(tmp_path: Path) -> None:
     first = write(tmp_path / "a.csv", {(0, 6): True, (1, 6): True, (2, 6): False})
     second = write(tmp_path / "b.csv", {(1, 6): True, (2, 6): False, (3, 6): True})
@@ -92,21 +77,8 @@ def test_what_cannot_be_compared_is_named(tmp_path: Path) -> None:
     other = write(tmp_path / "b.csv", {(1, 6): True})
     with pytest.raises(ValueError, match="no target in common"):
         compare_runs(first, other, ("a", "b"), "text")
-    with pytest.raises(ValueError, match="choose one of"):
-        compare_runs(first, first, ("a", "b"), "html")
     (tmp_path / "c.csv").write_text("scene_id,im_id\n1,2\n")
     with pytest.raises(
         ValueError, match=r"c\.csv: the first line must be scene_id,im_id,obj_id,object"
     ):
         compare_runs(first, tmp_path / "c.csv", ("a", "b"), "text")
-
-
-def test_mean_and_standard_deviation_of_a_sample() -> None:
-    shares = np.random.default_rng(2).random((4, 3))
-    means, spreads = mean_and_spread([dict(zip("abc", share, strict=True)) for share in shares])
-    found = [[float(texts[name]) for name in "abc"] for texts in (means, spreads)]
-    np.testing.assert_allclose(found[0], shares.mean(axis=0), atol=6e-4)
-    np.testing.assert_allclose(found[1], shares.std(axis=0, ddof=1), atol=6e-5)
-    unknown = mean_and_spread([{"a": 0.25, "b": None}, {"a": 0.75, "b": 0.5}])
-    assert unknown == ({"a": "0.500", "b": ""}, {"a": "0.3536", "b": ""})
-    assert mean_and_spread([{"a": None}] * 2) == ({"a": ""}, {"a": ""})

@@ -21,13 +21,16 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     for number, name in ((0, "board"), (2, "demo")):
         summary = {
             **scored(0.9 - 0.1 * number, 40.0, {"cat": 0.9}),
-            "bop": BOP if not number else {},
-            "calibration": {"reliability": [[4, 0.3, 0.25], [8, 0.62, 0.75], [4, 0.98, 1.0]]},
+            "bop": BOP if not number else dict.fromkeys(BOP),
+            "calibration": {
+                "ece": None,
+                "reliability": [[4, 0.3, 0.25], [8, 0.62, 0.75], [4, 0.98, 1.0]],
+            },
             "false_alarms": {"searched": 17, "alarms": 1, "scores": [0.6, 0.1]},
         }
         write_run(folder / str(number), "recordings", summary, [f"data={name}"])
     (folder / "1").mkdir()
-    *_, markdown, table, figures = write_reports(folder)
+    *_, markdown, table, _, figures = write_reports(folder)
     rows = csv_rows(table)
     assert [*rows[0]] == [
         "data", "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", "VSD", "MSSD", "MSPD",
@@ -40,8 +43,8 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     ]
     assert figures.read_text().splitlines() == [
         f"data,targets,add_seed_0,add,add_low,add_high,5cm5deg,ar,ece,{COUNTED}",
-        "board,20,.900,.900,.800,.940,.700,.700,,12,2,17,1,40",
-        "demo,20,.700,.700,.600,.740,.500,,,12,2,17,1,40",
+        "board,20,0.900,0.900,0.800,0.940,0.700,0.700,,12,2,17,1,40",
+        "demo,20,0.700,0.700,0.600,0.740,0.500,,,12,2,17,1,40",
     ]
     text = markdown.read_text()
     assert "Made by `hlp -m experiment=recordings data_folder=data`." in text
@@ -58,7 +61,7 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
         given = [f"seed={seed}", f"data={name}"]
         made = write_run(folder / str(number), "recordings", summary, given)
         write_verdicts(made, [1, 1, 0, seed], 0.5 if name == "board" else 0.9)
-    *pictures, _, table, figures = write_reports(folder)
+    *pictures, _, table, _, figures = write_reports(folder)
     assert [path.name for path in pictures] == ["recordings.png", "recordings.svg"]
     rows = csv_rows(table)
     assert [(row["data"], row["seed"], row["ADD(-S)"], row["ms"]) for row in rows[:5]] == [
@@ -71,9 +74,9 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
     assert [row["AR"] for row in rows[4:]] == ["0.700", "0.700", "0.700", "0.0000"]
     assert figures.read_text().splitlines() == [
         f"data,targets,add_seed_0,add_seed_1,add,add_low,add_high,5cm5deg,ar,ece,{COUNTED}",
-        "board,20,.900,.800,.850,.800,.940,.650,.700,,0,0,0,0,45",
-        "board below 0.6 visible,1,.000,1.000,.500,,,.500,,,,,,,",
-        "demo,20,.700,.700,.700,.600,.740,.500,.700,,0,0,0,0,45",
+        "board,20,0.900,0.800,0.850,0.800,0.940,0.650,0.700,,0,0,0,0,45",
+        "board below 0.6 visible,1,0.000,1.000,0.500,,,0.500,,,,,,,",
+        "demo,20,0.700,0.700,0.700,0.600,0.740,0.500,0.700,,0,0,0,0,45",
     ]
     assert "spread: standard deviation between seeds." in (folder / "recordings.md").read_text()
 

@@ -26,16 +26,6 @@ def test_runs_are_read_in_their_order_and_with_what_was_chosen(tmp_path: Path) -
     assert (found.results[0].experiment, found.results[0].frames) == ("fig9b", 2)
 
 
-def test_a_run_without_manifest_is_not_finished(tmp_path: Path) -> None:
-    folder = sweep_of_eleven(tmp_path / "sweep")
-    (folder / "3" / "manifest.json").unlink()
-    (found,) = read_sweeps(folder)
-    assert len(found.results) == 10
-    (unfinished,) = found.unfinished
-    assert unfinished.folder == folder / "3"
-    assert unfinished.values == {"refinement.particles": "4"}
-
-
 def test_sweeps_and_single_runs_are_found_but_not_runs_of_sweeps(tmp_path: Path) -> None:
     sweep = sweep_of_eleven(tmp_path / "a" / "sweep")
     run = write_run(tmp_path / "b", "table1", SUMMARY, ["experiment=table1", "output=b"])

@@ -29,6 +29,8 @@ from written_sweeps import (
     write_three_runs,
 )
 
+BOP = {"ar": 0.654, "vsd": 0.6, "mssd": 0.7, "mspd": 0.662}
+
 
 @pytest.fixture
 def runs(tmp_path: Path) -> Path:
@@ -54,10 +56,10 @@ def test_runs_are_compared_with_the_default_or_the_first_target_by_target(runs: 
 
 def test_the_table_of_runs_has_all_numbers_and_fits_a_terminal(runs: Path) -> None:
     timing = {"cpu_ms": 71.6, "wall_ms": 50.0, "load": 1.26, "cores": 2}
-    change(runs / "1" / "summary.json", timing=timing, bop={"ar": 0.654})
+    change(runs / "1" / "summary.json", timing=timing, bop=BOP)
     rows = csv_rows(write_files(runs, only(runs))[1])
     assert [[*row.values()] for row in rows] == [
-        ["5", "20", "0.600", "0.500-0.640", "0.400", "0.650", "", "30", "60", "", "", "-0.300",
+        ["5", "20", "0.600", "0.500-0.640", "0.400", "0.650", "", "30", "60", "", "1.2", "-0.300",
          rows[0]["95 % of it"]],
         ["25 *", "20", "0.900", "0.800-0.940", "0.700", "0.950", "0.654", "50", "100", "72", "1.3",
          "default", ""],
@@ -72,8 +74,6 @@ def test_the_table_of_runs_has_all_numbers_and_fits_a_terminal(runs: Path) -> No
     assert sweep_table(only(runs), whole=False).header == [
         "particles", "ADD(-S)", "95 %", "5cm5deg", "ms", "load", "to default", "95 % of it",
     ]  # fmt: skip
-    change(runs / "0" / "summary.json", timing=timing)
-    assert "load" not in sweep_table(only(runs), whole=False).header  # it was the same
     assert " ".join(text.split()).endswith(
         "sweep by particles: 2 of 3 runs finished; best by ADD(-S): particles 25 (0.900), the"
         " default; a tie with it: particles 5 (0.600); without a result: particles 50"
@@ -91,7 +91,6 @@ def test_the_default_wins_a_tie(tmp_path: Path, right: int, of_default: int, tie
     write_scored(folder / "0", {PARTICLES: "5"}, right, 30.0)
     write_scored(folder / "1", {PARTICLES: "25"}, of_default, 50.0)
     found = only(folder)
-    assert found.highest is found.runs[0]
     assert found.best is found.runs[int(tie)]
     said = f"particles 25 (0.900), the default; a tie with it: particles 5 ({right / 20:.3f})"
     assert ("a tie with it" in found.verdict) == tie == (f"by ADD(-S): {said}." in found.verdict)
@@ -106,8 +105,8 @@ def test_ties_of_the_best_run_are_named_also_where_it_is_not_the_default(tmp_pat
     assert found.best is found.runs[2]
     assert found.winner.startswith("particles 3 (0.900), +0.700 (+")
     assert found.winner.endswith(
-        "surely more; a tie with it: particles 4 (0.900), particles 5 (0.900), particles 2 (0.850)"
-        " and 1 more"
+        "surely more; a tie with it: particles 4 (0.900), particles 5 (0.900), particles 2 (0.850),"
+        " particles 6 (0.850)"
     )
 
 
@@ -138,18 +137,18 @@ def test_a_sweep_without_any_result_still_has_its_table(runs: Path) -> None:
     assert read_sweeps(write_sweep(runs.parent / "empty", ["a"], [])) == []
 
 
-def test_the_page_of_runs_shows_figures_objects_and_leads_to_theirs(runs: Path) -> None:
-    names = [f"{name}.{e}" for name in ("sweep", "recall_by_time") for e in ("csv", "png", "svg")]
-    assert [path.name for path in write_files(runs, only(runs))] == ["sweep.md", *names]
+def test_the_page_of_runs_shows_figures_and_leads_to_theirs(runs: Path) -> None:
+    names = [f"{name}.{e}" for name in ("sweep", "recall_by_time") for e in ("png", "svg")]
+    written = [path.name for path in write_files(runs, only(runs))]
+    assert written == ["sweep.md", "sweep.csv", *names]
     pages = write_pages(runs)
     assert [page.parent for page in pages] == [runs / "0", runs / "1", runs]
     text = pages[-1].read_text()
     assert 'href="0/report.html"' in text and 'href="2/report.html"' not in text
     assert "best by ADD(-S): particles 25" in text and "://" not in text
     drawn = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
-    written = [(runs / f"{name}.svg").read_bytes() for name in ("sweep", "recall_by_time")]
-    assert list(map(base64.b64decode, drawn)) == written
-    assert "<td>cat</td><td>0.600</td><td>0.900</td>" in text
+    files = [(runs / f"{name}.svg").read_bytes() for name in ("sweep", "recall_by_time")]
+    assert list(map(base64.b64decode, drawn)) == files
     with pytest.raises(DataError, match="holds no finished run"):
         write_sweep_page(write_sweep(runs.parent / "empty", ["a"], []))
 

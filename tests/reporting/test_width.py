@@ -5,62 +5,38 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 
 from hlp.commands import report
 from hlp.data.synthetic.objects import demo_objects
+from hlp.evaluation.waterfall import CAUSES
 from hlp.records import TargetScore
-from hlp.reporting.bench_tables import format_bench
-from hlp.reporting.study_tables import basin_cells, format_basins, format_oracle, format_search
 from hlp.reporting.summary_tables import ADD_BY_OBJECT, format_summary
 from hlp.results.poses_file import write_scores
-from written_bench import bench_result
-from written_results import scored, write_run, write_sweep
-from written_summary import quality
-
-CAUSES = (
-    "correct",
-    "no_depth",
-    "too_few_pixels",
-    "no_window",
-    "few_votes",
-    "ranking",
-    "refinement",
-)
+from written_results import quality, scored, write_run, write_sweep
 
 
 def whole_summary(names: Sequence[str] = tuple(ADD_BY_OBJECT)) -> dict[str, Any]:
     """A summary with all that a run may have to say."""
-    causes = {cause: 20 for cause in CAUSES}
+    written = scored(0.75, 1234.5, dict.fromkeys(names, 0.75))
+    causes, votes = dict.fromkeys(("correct", *CAUSES), 20), quality(0.25, 1200.0)
+    many = {"answers": 12345, "ece": 0.0123, "aurc": 0.0123}
     return {
-        **scored(0.75, 1234.5, dict.fromkeys(names, 0.75)),
-        "calibration": {
-            "answers": 12345,
-            "ece": 0.0123,
-            "aurc": 0.0123,
-            "reliability": [[12, 0.5, 0.5]],
-            "risk_coverage": [[0.5, 0.1], [1.0, 0.2]],
-        },
+        **written,
+        "calibration": {**written["calibration"], **many},
         "false_alarms": {"alarms": 123, "searched": 12345, "min_score": 0.55, "rate": 0.0123},
         "timing": {
-            "frames": 30,
+            **written["timing"],
             "reused_stages": ["regions", "hypotheses", "poses"],
             "first_use_seconds": 12.3,
             "cpu_ms": 1234.5,
-            "wall_ms": 1234.5,
-            "load": 12.3,
-            "cores": 128,
         },
         "waterfall": {
             "total": causes,
             "per_object": dict.fromkeys(names, causes),
             "per_visibility": {"0.6-1": causes},
         },
-        "votes": {
-            "total": quality(0.25, 1200.0),
-            "per_object": dict.fromkeys(names, quality(0.125, 1000.4)),
-        },
+        "votes": {"total": votes, "per_object": dict.fromkeys(names, votes)},
     }
 
 
@@ -108,43 +84,6 @@ def test_the_report_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "3 of 3 runs finished" in printed and "All runs below" in printed
     assert "Table 1" in printed and "Fig. 9b" in printed
     assert not wider(printed)
-
-
-def test_the_ends_of_studies() -> None:
-    names, parts = list(ADD_BY_OBJECT), [*map("stage {}".format, (1, 2, 3)), "total"]
-    recall = {"targets": 1234, "recall": 0.987, "ci95": [0.98, 0.99]}
-    cells = [
-        {
-            "region": region,
-            "coarse": coarse,
-            "add": recall,
-            "per_object": dict.fromkeys(names, recall),
-        }
-        for region in ("estimated", "true")
-        for coarse in ("estimated", "true", "noisy")
-    ]
-    lost = dict.fromkeys(["region", "coarse pose", "fine pose"], -0.012)
-    oracle = {"frames": 30, "noise_deg": 10.0, "noise_mm": 12.5, "cells": cells, "lost": lost}
-    assert not wider(format_oracle(oracle))
-
-    errors = [float(error) for error in range(0, 70, 5)]
-    refiners = ["pso", "icp", "none", "a_refiner_of_ones_own"]
-    columns = ["refiner", "object", "rotation_deg", "translation_mm"]
-    index = pd.MultiIndex.from_product([refiners, names, errors, errors], names=columns)
-    assert not wider(format_basins(basin_cells(index.to_frame(index=False).assign(right=True))))
-
-    values = {f"refinement.verification.a_long_key_{i}": 0.123456 for i in range(6)}
-    trial = {"trial": 12, "values": values, "recall": 0.9, "time_ms": 1234.5, "error": None}
-    search = {"space": "refinement", "limit_ms": 300.0, "best": trial, "trials": [trial] * 12}
-    assert not wider(format_search(search))
-
-    times = {key: {"median_ms": 1234.5, "p95_ms": 12345.6, "cpu_ms": 1234.5} for key in parts}
-    ratio = dict.fromkeys(("first", "frame"), dict.fromkeys(parts, 12.34))
-    bench = bench_result()
-    for path in bench["paths"].values():
-        path |= {"first": times, "further": times, "frame": times}
-    bench["compared"]["reference"]["ratio"] = ratio
-    assert not wider(format_bench(bench))
 
 
 @pytest.mark.parametrize("runs", ["ab", "abc"])

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from generated_values import motions, texts
 from hlp.errors import InputError
-from hlp.files import read_json
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate, TargetScore
 from hlp.results import poses_file
@@ -219,20 +218,6 @@ def test_poses_come_back(tmp_path: Path, estimates):
     again = read_poses(tmp_path / "again.csv")
     for first, second in zip(back, again, strict=True):
         np.testing.assert_allclose(first.pose_cam_obj, second.pose_cam_obj, rtol=1e-15)
-
-
-@given(ANY_ESTIMATES)
-def test_answers_of_a_stream_come_back_as_csv_and_json(tmp_path: Path, estimates):
-    posed = [estimate for estimate in estimates if estimate.pose_cam_obj is not None]
-    with AnswersFile(tmp_path) as answers:
-        for estimate in posed:
-            answers.add(
-                {"score": estimate.score, "t": estimate.pose_cam_obj[:3, 3].tolist()}, estimate
-            )
-    assert len(read_poses(tmp_path / "poses.csv")) == len(posed)
-    lines = [json.loads(line) for line in (tmp_path / "poses.jsonl").read_text().splitlines()]
-    assert read_json(tmp_path / "poses.json")["poses"] == lines
-    assert [line["score"] for line in lines] == [estimate.score for estimate in posed]
 
 
 @given(SCORES, st.lists(texts(), min_size=4, max_size=4))

@@ -13,7 +13,6 @@ from hlp.results.recalls import (
     BLOCK,
     blocks_of,
     difference_interval,
-    median_difference_interval,
     numbered_targets,
     read_target_values,
     recall_interval,
@@ -62,35 +61,18 @@ def test_the_recalls_interval_is_scipys_over_blocks() -> None:
     np.testing.assert_allclose(recall_interval(right, blocks, 20_000, 2), theirs, atol=0.008)
 
 
-@pytest.mark.parametrize("right", [True, False])
-def test_where_all_agree_it_is_wilsons(right: bool) -> None:
-    verdicts = np.full(19, right)
-    low, high = recall_interval(verdicts, np.arange(19), 100, 0)
-    z2 = 1.959964**2
-    margin = z2 / (19 + z2)  # Wilson's interval of 0 or 19 of 19
-    assert (low, high) == pytest.approx((1 - margin, 1.0) if right else (0.0, margin), abs=1e-6)
-
-
 def test_no_interval_has_zero_width() -> None:
     """Each of three frames has six of its seven targets right, and gains one of the seven."""
     blocks, right = blocks_of([(1, i // 7) for i in range(21)]), np.arange(21) % 7 > 0
     assert recall_interval(right, blocks, 100, 0) == wilson(6 / 7, 21)
+    z2 = 1.959964**2
+    assert recall_interval(np.full(21, True), blocks, 100, 0) == pytest.approx((21 / (21 + z2), 1))
     low, high = difference_interval(right, np.full(21, True), blocks, 100, 0)
     gained, lost = wilson(1 / 7, 21), wilson(0.0, 21)
     assert low == pytest.approx(1 / 7 - math.hypot(1 / 7 - gained[0], lost[1]))
     assert high == pytest.approx(gained[1])
     assert low < 0.0  # three targets more of 21 are not surely better
     assert len({*blocks_of([(1, 5)] * 21)}) == 21  # a single frame leaves nothing else to draw
-
-
-@pytest.mark.parametrize(("recall", "targets"), [(0.9, 20), (1.0, 20), (0.0, 7)])
-def test_wilson_is_its_formula(recall: float, targets: int) -> None:
-    """Wilson (1927), written out with z = 1.959964."""
-    z = 1.959964
-    centre = (recall + z**2 / (2 * targets)) / (1 + z**2 / targets)
-    half = math.sqrt(recall * (1 - recall) / targets + z**2 / (4 * targets**2))
-    half *= z / (1 + z**2 / targets)
-    assert wilson(recall, targets) == pytest.approx((centre - half, centre + half), abs=1e-6)
 
 
 def test_a_differences_interval_is_that_of_all_resamples() -> None:
@@ -105,28 +87,6 @@ def test_a_differences_interval_is_that_of_all_resamples() -> None:
     exact = np.percentile(differences, [2.5, 97.5])
     found = difference_interval(first, second, blocks, 20_000, seed=1)
     np.testing.assert_allclose(found, exact, atol=0.02)
-
-
-def test_a_difference_of_medians_has_the_interval_of_all_resamples() -> None:
-    blocks = np.array([3, 0, 0, 1, 1, 2, 3, 3, 0, 3, 4])  # in any order
-    rng = np.random.default_rng(0)
-    first, second = rng.gamma(3.0, 10.0, (2, 11))
-    differences = []
-    for drawn in itertools.product(range(5), repeat=5):
-        chosen = np.concatenate([np.flatnonzero(blocks == block) for block in drawn])
-        differences.append(np.median(second[chosen]) - np.median(first[chosen]))
-    exact = np.percentile(differences, [2.5, 97.5])
-    found = median_difference_interval(first, second, blocks, 20_000, seed=1)
-    np.testing.assert_allclose(found, exact, atol=0.05 * np.ptp(exact))
-
-
-def test_medians_of_many_targets_are_drawn_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(0)
-    first, second = rng.gamma(3.0, 10.0, (2, 90))
-    blocks = np.repeat(np.arange(30), 3)
-    whole = median_difference_interval(first, second, blocks, 500, seed=0)
-    monkeypatch.setattr("hlp.results.recalls._AT_ONCE", 900)
-    assert median_difference_interval(first, second, blocks, 500, seed=0) == whole
 
 
 def test_values_are_read_as_they_were_written(tmp_path: Path) -> None:

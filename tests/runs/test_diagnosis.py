@@ -127,12 +127,12 @@ def _noted(folder, frame=FRAME, **left):
     for stage in STAGES:
         (folder / stage).mkdir()
         write_trace(folder / stage, frame.key, stage, {1: found})
-    outputs = {
-        stage: (lambda folder=folder / stage: SimpleNamespace(folder=folder)) for stage in STAGES
-    }
     dataset = SimpleNamespace(models={1: MODEL}, frames=SOURCE)
     trace = read_trace({stage: folder / stage for stage in STAGES}, frame.key)
-    return SimpleNamespace(dataset=dataset, **outputs), note_frame(dataset, frame, trace, SETTINGS)
+    detection = SimpleNamespace(
+        dataset=dataset, make=lambda stage: SimpleNamespace(folder=folder / stage)
+    )
+    return detection, note_frame(dataset, frame, trace, SETTINGS)
 
 
 def _causes(folder, frame=FRAME, **left):

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from hlp.method.find.trace import ObjectTrace
 from hlp.records import Frame, Hypotheses, PoseEstimate, Refinement, Target, TargetScore
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.runs import pictures
-from hlp.runs.pictures import MISSED, RIGHT, draw_pictures, missed_targets, page_targets
+from hlp.runs.pictures import MISSED, RIGHT, draw_pictures, page_targets
 from hlp.runs.stage_samples import FrameResults
 
 TRAINING = SimpleNamespace(classes=[], models={}, settings=SimpleNamespace(encoder=None))
@@ -30,8 +31,7 @@ def draw(folder: Path, panels: int, keys: tuple[str, ...] = (), **given: Any) ->
 def test_a_picture_that_fails_is_logged_and_costs_the_others_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    white = np.zeros((4, 4, 3), dtype=np.uint8)
-    monkeypatch.setattr(pictures, "draw_view_sheet", lambda _: white)
+    monkeypatch.setattr(pictures, "view_sheet", lambda _: Figure())
     (tmp_path / "stages").mkdir()
     (tmp_path / "stages" / "old.jpg").write_bytes(b"of another run")
     draw(tmp_path, 2)
@@ -55,7 +55,7 @@ def test_a_folder_that_cannot_be_cleared_or_filled_is_logged(
     def fail(*_: Any) -> None:
         raise OSError("read-only")
 
-    names = {"report": "ReportDataWriter", "panels": "sampled_keys", "stages": "CAPTIONS"}
+    names = {"report": "ReportData", "panels": "spread", "stages": "CAPTIONS"}
     monkeypatch.setattr(pictures, names[folder], fail)
     draw(tmp_path, panels)
     words = "the report" if folder == "report" else str(tmp_path / folder)
@@ -68,19 +68,21 @@ def score(frame: int, object_id: int, right: bool, found: bool = True, cause: st
     return TargetScore(1, frame, object_id, found, 1.0, *errors, *verdicts, cause=cause)
 
 
-def test_swarms_are_drawn_of_the_frames_in_turn_and_of_missed_targets(
+def test_swarms_are_drawn_of_the_targets_of_the_frames_in_turn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: dict[str, list[tuple[str, int, str]]] = {}
     read_keys: list[str] = []
 
-    def read(_: Any, key: str, __: Any) -> Any:
+    def read(_: Any, __: Any, key: str) -> Any:
         read_keys.append(key)
-        targets = [Target(object_id, np.eye(4)) for object_id in (4, 2)]
-        return SimpleNamespace(frame=SimpleNamespace(key=key), targets=targets)
+        targets = tuple(Target(object_id, np.eye(4)) for object_id in (4, 2))
+        frame = Frame(1, int(key[-1]), IMAGE, DEPTH, np.eye(3), targets)
+        traced = SimpleNamespace(region=(), votes=(), hypotheses=None, refined=None)
+        return FrameResults(frame, {4: traced, 2: traced}, ())  # type: ignore[dict-item]
 
-    def swarms(_: Any, found: Any, target: Target, verdict: str) -> tuple[str, int, str]:
-        return found.frame.key, target.object_id, verdict
+    def swarms(_: Any, found: Any, seen: Any) -> tuple[str, int, str]:
+        return found.frame.key, seen.truth.object_id, seen.verdict
 
     monkeypatch.setattr(pictures, "FrameResults", SimpleNamespace(read=read))
     monkeypatch.setattr(pictures, "swarms_of_target", swarms)
@@ -92,14 +94,16 @@ def test_swarms_are_drawn_of_the_frames_in_turn_and_of_missed_targets(
     scores = [
         *(score(0, 4, True), score(0, 2, False, found=False, cause="few_votes")),
         *(score(1, 4, False), score(1, 2, False)),  # of the frame that failed
-        *(score(2, 4, True), score(2, 2, True)),
+        *(score(2, 4, False, cause="few_votes"), score(2, 2, True)),
         *(score(3, 4, True), score(3, 2, False)),
     ]
-    draw(tmp_path, 4, keys, failed={keys[1]: "no depth"}, scores=scores)
-    assert drawn == {
-        "swarm_costs": [(keys[0], 4, "right"), (keys[2], 4, "right"), (keys[3], 2, "wrong")],
-        "missed_swarm_costs": [(keys[0], 2, "not found (few votes)"), (keys[3], 2, "wrong")],
-    }
+    models = {4: None, 2: None}
+    dataset = SimpleNamespace(models=models, target_ids=())
+    failed = {keys[1]: "no depth"}
+    draw(tmp_path, 4, keys, failed=failed, scores=scores, dataset=dataset)
+    assert drawn["swarm_costs"] == [
+        (keys[0], 4, "right"), (keys[2], 4, "wrong, few votes"), (keys[3], 2, "wrong"),
+    ]  # fmt: skip
     assert sorted(read_keys) == sorted({keys[0], keys[2], keys[3]})  # each once
 
 
@@ -164,12 +168,11 @@ def test_missed_targets_and_some_right_ones_are_on_the_page() -> None:
         ((1, 3, 6, 1), "three", 2),
         ((1, 4, 6, 0), "four", 0),
     ]
-    assert missed_targets(scored, 6) == [("three", 1), ("three", 2)]
 
 
 def test_too_many_are_thinned_out_evenly() -> None:
     scored = {str(frame): [score(frame, 1, frame % 2 == 0)] for frame in range(4 * MISSED)}
-    chosen = [target.target[1] for target in page_targets(scored)]
+    chosen = [key[1] for key, *_ in page_targets(scored)]
     missed, right = ([f for f in chosen if f % 2 == odd] for odd in (1, 0))
     assert (len(missed), len(right)) == (MISSED, RIGHT)
     assert max(np.diff(missed)) <= 4 and missed[0] < 10 and missed[-1] > 4 * MISSED - 10

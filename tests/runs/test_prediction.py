@@ -5,8 +5,6 @@ import logging
 import os
 import re
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +16,6 @@ from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import DamagedError, DataError, InputError
 from hlp.method.find.detections import Detection, Rejection, SearchResult
-from hlp.records import Frame
 from hlp.refinement.pose_fit import PoseFit
 from hlp.runs.prediction import HEADER, PredictionOptions, detection_values, pose_line, predict
 
@@ -28,13 +25,13 @@ FILES = ("poses.csv", "poses.json", "poses.jsonl")
 class Nothing:
     """A detector that finds nothing, of an object that it knows; it may be stopped at a call."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self.models = {m.name: m for m in demo_objects().values() if m.name == "bear"}
         self.folder, self.objects = folder, ("bear",)
         self.searched, self.stopped_at = 0, -1
         self.stop: BaseException = KeyboardInterrupt()
 
-    def search(self, *_: Any) -> SearchResult:
+    def search(self, *_):
         self.searched += 1
         if self.searched == self.stopped_at:
             raise self.stop
@@ -42,15 +39,13 @@ class Nothing:
 
 
 @pytest.fixture
-def detector(tmp_path: Path) -> Any:
+def detector(tmp_path):
     (tmp_path / "learnt").mkdir()
     (tmp_path / "learnt" / "learnt.json").write_text("{}")
     return Nothing(tmp_path / "learnt")
 
 
-def frames(
-    folder: Path, broken: tuple[int, ...] = (), count: int = 3, scale: float | None = 1.0
-) -> OwnFrames:
+def frames(folder, broken=(), count=3, scale=1.0):
     for name in ("rgb", "depth"):
         (folder / name).mkdir(parents=True)
     for i in range(count):
@@ -63,9 +58,7 @@ def frames(
     return OwnFrames(FrameFiles(rgb=rgb, depth=depth, intrinsics=camera, depth_scale=scale))
 
 
-def test_frames_whose_depth_cannot_be_read_do_not_keep_its_unit_from_the_others(
-    detector: Any, tmp_path: Path
-) -> None:
+def test_frames_whose_depth_cannot_be_read_do_not_keep_its_unit_from_the_others(detector, tmp_path):
     own = frames(tmp_path, (0, 1), scale=None)
     assert predict(detector, own, tmp_path / "out", PredictionOptions()) == 1
     broken = frames(tmp_path / "all", (0, 1, 2), scale=None)
@@ -75,8 +68,8 @@ def test_frames_whose_depth_cannot_be_read_do_not_keep_its_unit_from_the_others(
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_several_frames_are_counted_on_a_terminal_between_the_answers(
-    count: int, detector: Any, tmp_path: Path, terminal: pytest.CaptureFixture[str]
-) -> None:
+    count, detector, tmp_path, terminal
+):
     predict(detector, frames(tmp_path, count=count), tmp_path / "out", PredictionOptions())
     said = terminal.readouterr()
     assert said.out.count("\n") == 1 + count
@@ -87,15 +80,11 @@ def test_several_frames_are_counted_on_a_terminal_between_the_answers(
 
 
 def test_a_broken_first_frame_keeps_neither_the_header_nor_the_checks_from_the_others(
-    detector: Any,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    detector, tmp_path, monkeypatch, caplog, capsys
+):
     checked = list[str]()
 
-    def check(examined: Frame, _: object) -> list[Finding]:
+    def check(examined, _):
         checked.append(examined.key)
         return [Finding("intrinsics", "here", "the camera is odd", "Mend it")]
 
@@ -112,10 +101,8 @@ def test_a_broken_first_frame_keeps_neither_the_header_nor_the_checks_from_the_o
     assert ["error" in line for line in lines] == [True, False, False]
 
 
-def test_what_goes_wrong_in_the_checks_is_not_blamed_on_the_frame(
-    detector: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def check(*_: object) -> list[Finding]:
+def test_what_goes_wrong_in_the_checks_is_not_blamed_on_the_frame(detector, tmp_path, monkeypatch):
+    def check(*_):
         raise DataError("of the checks")
 
     monkeypatch.setattr(known_objects, "check_first_frame", check)
@@ -124,15 +111,15 @@ def test_what_goes_wrong_in_the_checks_is_not_blamed_on_the_frame(
     assert "error" not in (tmp_path / "out" / "poses.jsonl").read_text()
 
 
-def test_what_is_learnt_is_damaged_and_no_frame_is_to_blame(detector: Any, tmp_path: Path) -> None:
+def test_what_is_learnt_is_damaged_and_no_frame_is_to_blame(detector, tmp_path):
     detector.stopped_at, detector.stop = 1, DamagedError("classifier.onnx is damaged")
     with pytest.raises(DamagedError):
         predict(detector, frames(tmp_path), tmp_path / "out", PredictionOptions())
     assert (tmp_path / "out" / "poses.jsonl").read_text() == ""
 
 
-def test_a_sequence_of_an_unknown_object_replaces_no_answers(detector: Any, tmp_path: Path) -> None:
-    def tracker(*_: Any) -> None:
+def test_a_sequence_of_an_unknown_object_replaces_no_answers(detector, tmp_path):
+    def tracker(*_):
         raise InputError("there is no object 'beer'")
 
     detector.tracker = tracker
@@ -142,16 +129,14 @@ def test_a_sequence_of_an_unknown_object_replaces_no_answers(detector: Any, tmp_
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_without_any_answer_no_header_stands_above_the_error(
-    detector: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], count: int
-) -> None:
+def test_without_any_answer_no_header_stands_above_the_error(detector, tmp_path, capsys, count):
     all_broken = frames(tmp_path, tuple(range(count)), count)
     with pytest.raises(DataError):
         predict(detector, all_broken, tmp_path / "out", PredictionOptions())
     assert capsys.readouterr().out == ""
 
 
-def stop(detector: Any, own: OwnFrames, output: Path) -> None:
+def stop(detector, own, output):
     """Stop a call at its fourth search."""
     detector.searched, detector.stopped_at = 0, 4
     with pytest.raises(KeyboardInterrupt):
@@ -159,9 +144,7 @@ def stop(detector: Any, own: OwnFrames, output: Path) -> None:
     detector.searched, detector.stopped_at = 0, -1
 
 
-def test_a_stopped_call_is_continued_after_its_last_whole_frame(
-    detector: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_stopped_call_is_continued_after_its_last_whole_frame(detector, tmp_path, caplog):
     own, output = frames(tmp_path, (1,), 6), tmp_path / "out"
     predict(detector, own, tmp_path / "whole", PredictionOptions())
     stop(detector, own, output)  # frames 0, 2 and 3 are answered, and 1 cannot be used
@@ -180,9 +163,7 @@ def test_a_stopped_call_is_continued_after_its_last_whole_frame(
     ("changed", "searched"),
     [("nothing", 2), ("max_instances", 4), ("objects", 4), ("image", 4), ("learnt", 4)],
 )
-def test_another_request_begins_anew(
-    detector: Any, tmp_path: Path, changed: str, searched: int
-) -> None:
+def test_another_request_begins_anew(detector, tmp_path, changed, searched):
     own, output = frames(tmp_path, count=4), tmp_path / "out"
     stop(detector, own, output)
     options = {"max_instances": {"max_instances": 1}, "objects": {"objects": ["bear"]}}
@@ -203,9 +184,7 @@ def test_another_request_begins_anew(
         ("poses.csv", None),
     ],
 )
-def test_damaged_answers_of_a_stopped_call_are_made_again(
-    detector: Any, tmp_path: Path, name: str, damage: bytes | None
-) -> None:
+def test_damaged_answers_of_a_stopped_call_are_made_again(detector, tmp_path, name, damage):
     own, output = frames(tmp_path, count=4), tmp_path / "out"
     stop(detector, own, output)
     (output / name).unlink()
@@ -221,7 +200,7 @@ POSE[:3, :3] = Rotation.from_rotvec([10.0, -20.0, 30.0], degrees=True).as_matrix
 POSE[:3, 3] = [0.1, -0.25, 0.7]
 
 
-def test_a_line_holds_translation_and_rotation_vector_below_the_header() -> None:
+def test_a_line_holds_translation_and_rotation_vector_below_the_header():
     line = pose_line("a", "bolt", 0.876, POSE)
     numbers = [float(word) for word in line.split()[2:]]
     assert numbers == [0.88, 100.0, -250.0, 700.0, 10.0, -20.0, 30.0]
@@ -229,7 +208,7 @@ def test_a_line_holds_translation_and_rotation_vector_below_the_header() -> None
     assert len(line) == len(HEADER)
 
 
-def test_a_pose_has_the_keys_of_bop() -> None:
+def test_a_pose_has_the_keys_of_bop():
     fit = PoseFit(0.1, 0.9, 0.9, 1.0, 1.0)
     found = Detection("bolt", 0.876, POSE, 0.9, 0.1, 1.5, POSE[None], None, fit)
     values = detection_values(found)

@@ -2,7 +2,6 @@
 
 import os
 import time
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +9,6 @@ import pytest
 
 from fake_detection import KEYS, OBJECTS, FakeEstimator, FakeTraining, fake_dataset, method_settings
 from hlp.method.find.trace import STAGES
-from hlp.results.poses_file import read_poses, write_poses
 from hlp.runs.timing import measure_times
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
@@ -22,7 +20,7 @@ SETTINGS = method_settings()
 class Slow(FakeEstimator):
     """Waits 50 ms to refine."""
 
-    def refine(self, *given: Any) -> Any:
+    def refine(self, *given):
         time.sleep(0.05)
         return super().refine(*given)
 
@@ -30,7 +28,7 @@ class Slow(FakeEstimator):
 class Busy(FakeEstimator):
     """Computes for 50 ms of CPU time to refine."""
 
-    def refine(self, *given: Any) -> Any:
+    def refine(self, *given):
         end = time.process_time() + 0.05
         while time.process_time() < end:
             pass
@@ -38,12 +36,10 @@ class Busy(FakeEstimator):
 
 
 @pytest.fixture
-def run_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def run_of(tmp_path, monkeypatch):
     """A run over the three frames, with such an estimator; its stages are yet to be made."""
 
-    def make(
-        estimator: type, timing_frames: int = 2, work: str = "work"
-    ) -> tuple[Any, DetectionStages]:
+    def make(estimator, timing_frames=2, work="work"):
         monkeypatch.setattr(detection, "PoseEstimator", estimator)
         dataset: Any = fake_dataset()
         settings, store = SimpleNamespace(timing_frames=timing_frames), StageStore(tmp_path / work)
@@ -53,7 +49,7 @@ def run_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return make
 
 
-def test_a_run_that_made_all_reports_its_own_times(run_of: Any) -> None:
+def test_a_run_that_made_all_reports_its_own_times(run_of):
     run, stages = run_of(Slow)
     timing = measure_times(run, stages, stages.estimates())
     asked = len(stages.estimator.asked)
@@ -79,21 +75,19 @@ def test_a_run_that_made_all_reports_its_own_times(run_of: Any) -> None:
 
 
 @pytest.mark.parametrize("found_on_disk", [False, True])
-def test_cpu_time_is_what_the_process_computed_not_what_it_waited(
-    run_of: Any, found_on_disk: bool
-) -> None:
+def test_cpu_time_is_what_the_process_computed_not_what_it_waited(run_of, found_on_disk):
     spent = {}
     for estimator in (Slow, Busy):
         if found_on_disk:
-            run_of(FakeEstimator, work=estimator.__name__)[1].poses()
+            run_of(FakeEstimator, work=estimator.__name__)[1].make("poses")
         run, stages = run_of(estimator, 1, estimator.__name__)
         spent[estimator] = measure_times(run, stages, stages.estimates()).summary()
     assert spent[Busy]["cpu_ms"] >= 50.0
     assert spent[Slow]["cpu_ms"] < 50.0 <= spent[Slow]["wall_ms"]
 
 
-def test_a_run_that_found_its_poses_on_disk_measures_anew_and_says_so(run_of: Any) -> None:
-    run_of(Slow)[1].poses()
+def test_a_run_that_found_its_poses_on_disk_measures_anew_and_says_so(run_of):
+    run_of(Slow)[1].make("poses")
     run, fast = run_of(FakeEstimator)
     timing = measure_times(run, fast, fast.estimates())
     own = timing.milliseconds()
@@ -108,27 +102,10 @@ def test_a_run_that_found_its_poses_on_disk_measures_anew_and_says_so(run_of: An
     assert timing.first_use_seconds is not None and timing.first_use_seconds > 0.0
 
 
-def test_a_run_that_reused_only_regions_measures_all_steps(run_of: Any) -> None:
-    run_of(FakeEstimator)[1].regions()
+def test_a_run_that_reused_only_regions_measures_all_steps(run_of):
+    run_of(FakeEstimator)[1].make("regions")
     run, fast = run_of(FakeEstimator, timing_frames=10)
     timing = measure_times(run, fast, fast.estimates())
     assert timing.reused == ("regions",)
     assert timing.frames == len(KEYS)  # no more than there are
     assert timing.first_use_seconds == fast.first_use_seconds  # nothing is loaded twice
-
-
-def test_poses_file_has_an_images_time_only_where_this_run_measured_it(
-    run_of: Any, tmp_path: Path
-) -> None:
-    """BOP's time is the image's: of all objects looked for, also of those without a pose."""
-    estimates = run_of(FakeEstimator)[1].estimates()
-    write_poses(tmp_path / "first.csv", estimates)
-    for pose in read_poses(tmp_path / "first.csv"):
-        image = (pose.scene_id, pose.frame_id)
-        looked_for = [e.seconds for e in estimates if (e.scene_id, e.frame_id) == image]
-        assert len(looked_for) == len(OBJECTS)
-        expected = sum(sum(seconds.values()) for seconds in looked_for)
-        assert pose.seconds["total"] == pytest.approx(expected)
-    write_poses(tmp_path / "again.csv", run_of(FakeEstimator)[1].estimates())
-    rows = (tmp_path / "again.csv").read_text().splitlines()[1:]
-    assert len(rows) == 5 and all(row.endswith(",-1.0") for row in rows)

@@ -18,10 +18,10 @@ from fake_detection import (
     fake_dataset,
     method_settings,
 )
-from hlp.data.dataset import StatedTarget
 from hlp.errors import DataError, MissingFileError
+from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.find.trace import STAGES, STEPS
-from hlp.refinement.score_model import PRIOR
+from hlp.refinement.score_model import MIN_SCORE, PRIOR
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
@@ -53,11 +53,12 @@ def files(work):
 
 def test_a_frame_is_decoded_once_for_all_three_stages(tmp_path):
     stages = stages_in(tmp_path)
-    stages.poses()
+    stages.make("poses")
     assert stages.dataset.frames.loads == [*KEYS]
     assert events(stages, reused=False) == [*STAGES]
     assert files(tmp_path).keys() == {f"{stage}/{key}" for stage in STAGES for key in KEYS}
-    stages.regions(), stages.hypotheses(), stages.poses()
+    for stage in STAGES:
+        stages.make(stage)
     assert stages.dataset.frames.loads == [*KEYS]  # nothing is asked for twice
 
 
@@ -86,7 +87,7 @@ def test_who_visits_the_frames_has_them_decoded_once_and_what_is_on_disk(tmp_pat
 
 
 def test_frames_that_need_no_work_are_visited_too(tmp_path):
-    stages_in(tmp_path).hypotheses()
+    stages_in(tmp_path).make("hypotheses")
     later, again = stages_in(tmp_path), stages_in(tmp_path)
     later.estimator.fails_at = ("refine", KEYS[1], OBJECTS[0])
     with pytest.raises(KeyboardInterrupt):
@@ -103,7 +104,7 @@ def test_frames_that_need_no_work_are_visited_too(tmp_path):
 
 def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(tmp_path):
     stages = stages_in(tmp_path)
-    stages.poses()
+    stages.make("poses")
     wanted = []
     for key in (FIRST, *KEYS):
         wanted += [("region", key, item) for item in OBJECTS]
@@ -114,11 +115,11 @@ def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(tmp
 
 def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path):
     together, apart = stages_in(tmp_path / "together"), stages_in(tmp_path / "apart")
-    together.poses()
-    apart.regions()
+    together.make("poses")
+    apart.make("regions")
     assert events(apart, reused=False) == ["regions"]
-    apart.hypotheses()
-    apart.poses()
+    apart.make("hypotheses")
+    apart.make("poses")
     assert apart.dataset.frames.loads == [*KEYS] * 3
     assert files(tmp_path / "apart") == files(tmp_path / "together")
     for stage in STAGES:
@@ -128,19 +129,19 @@ def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path):
 
 
 def test_what_is_on_disk_is_reused_by_name(tmp_path):
-    stages_in(tmp_path).hypotheses()
+    stages_in(tmp_path).make("hypotheses")
     before = files(tmp_path)
     later = stages_in(tmp_path)
-    later.poses()
+    later.make("poses")
     assert later.reused == {"regions", "hypotheses"}
     assert events(later, reused=True) == ["regions", "hypotheses"]
     assert {step for step, *_ in later.estimator.asked} == {"refine"}
     assert before.items() <= files(tmp_path).items()
     whole = stages_in(tmp_path / "whole")
-    whole.poses()
+    whole.make("poses")
     assert files(tmp_path / "whole").items() <= files(tmp_path).items()
     third = stages_in(tmp_path)
-    third.poses()
+    third.make("poses")
     assert third.reused == {*STAGES} and third.dataset.frames.loads == []
 
 
@@ -148,17 +149,17 @@ def test_an_interrupted_pass_continues_at_the_frame_where_it_stopped(tmp_path):
     stages = stages_in(tmp_path)
     stages.estimator.fails_at = ("refine", KEYS[1], OBJECTS[1])
     with pytest.raises(KeyboardInterrupt) as caught:
-        stages.poses()
+        stages.make("poses")
     assert len(caught.value.__notes__) == 3  # every stage was being made
     assert events(stages, reused=False) == []
     left = [*tmp_path.glob("*/*.partial/*.npz")]
     assert {path.stem for path in left} == {FIRST} and len(left) == 3
     resumed = stages_in(tmp_path)
-    resumed.poses()
+    resumed.make("poses")
     assert resumed.dataset.frames.loads == [*KEYS[1:]]
     assert resumed.reused == {*STAGES}  # in part: its times are not all its own
     whole = stages_in(tmp_path / "whole")
-    whole.poses()
+    whole.make("poses")
     assert files(tmp_path / "whole").items() <= files(tmp_path).items()
     assert not [*tmp_path.glob("*/*.partial")]
 
@@ -167,11 +168,11 @@ def test_a_frame_of_which_one_stage_is_lacking_is_made_for_all(tmp_path):
     stages = stages_in(tmp_path)
     stages.estimator.fails_at = ("region", KEYS[1], OBJECTS[0])
     with pytest.raises(KeyboardInterrupt):
-        stages.poses()
+        stages.make("poses")
     (lost,) = tmp_path.glob(f"poses/*.partial/{FIRST}.npz")
     lost.unlink()  # as a crash between two writes leaves it
     resumed = stages_in(tmp_path)
-    resumed.poses()
+    resumed.make("poses")
     assert resumed.dataset.frames.loads == [*KEYS]
 
 
@@ -226,7 +227,7 @@ class BreakingFrames(CountedFrames):
         """Nothing is seen without decoding."""
 
     def stated_targets(self, key):
-        return (StatedTarget(3),)
+        return ((3, float("nan")),)
 
 
 def assert_same(stages, sound):
@@ -292,3 +293,28 @@ def test_everything_else_ends_the_run(tmp_path, options, error, of_files):
         frames = SimpleNamespace(**{n: getattr(frames, n) for n in ("keys", "load", "identity")})
     with pytest.raises(type(error)):
         stages_in(tmp_path, frames, **options).estimates()
+
+
+def test_where_the_number_is_not_known_up_to_so_many_sure_ones_are_looked_for(
+    tmp_path, monkeypatch
+):
+    asked = []
+
+    def search(_, __, counts, *, min_score, **___):
+        asked.append((counts, min_score))
+        return {}
+
+    monkeypatch.setattr(detection, "search_frame", search)
+    stages = stages_in(tmp_path)
+    dataset = stages.dataset
+    frame = stages.load(KEYS[0])
+    stages.search(frame)
+    known = stages._descriptions(STAGES)
+    dataset.search_all = True
+    stages.search(frame)
+    assert asked == [
+        (dict.fromkeys(OBJECTS, 1), None),
+        (dict.fromkeys(OBJECTS, MOST_INSTANCES), MIN_SCORE),
+    ]
+    named = stages._descriptions(STAGES)
+    assert all(named[stage][0] != known[stage][0] for stage in STAGES)

@@ -62,7 +62,7 @@ def names(settings, dataset, keys=KEYS):
     store = NothingIsMade(Path("nowhere"))
     training = TrainingStages(dataset, settings, store)
     stages = DetectionStages(dataset, settings, training, store, keys)
-    stages.poses()
+    stages.make("poses")
     for object_id in dataset.target_ids:
         training.score(object_id)
     made = {f"{stage} {i}": output.fingerprint for (stage, i), output in training.made.items()}
@@ -149,12 +149,6 @@ def test_each_key_renames_the_stages_that_read_it_and_no_others(choice, dataset)
         assert stages == expected, key
 
 
-def test_another_alternative_with_the_same_values_is_another_name(dataset):
-    pso, icp = method_settings("refinement=pso"), method_settings("refinement=icp")
-    both = names(pso, dataset), names(icp, dataset)
-    assert changed(*both) == {"poses", "score"}
-
-
 def test_the_data_change_the_names_of_what_is_made_from_them(dataset, tmp_path):
     settings = method_settings()
     before = names(settings, dataset)
@@ -183,23 +177,6 @@ def test_the_data_change_the_names_of_what_is_made_from_them(dataset, tmp_path):
     assert after(models={**dataset.models, first: painted}) == ALL
     more = names(settings, dataset, (*KEYS, "000002_000000"))
     assert changed(before, more) == {"regions", "hypotheses", "poses"}
-
-
-def test_one_mesh_under_two_ids_shares_its_views_and_nothing_else(dataset):
-    model = next(iter(dataset.models.values()))
-    one, six = (
-        names(
-            method_settings(),
-            dataclasses.replace(
-                dataset, models={i: dataclasses.replace(model, object_id=i)}, target_ids=(i,)
-            ),
-        )
-        for i in (1, 6)
-    )
-    assert one["views 1"] == six["views 6"]
-    assert one["codebook 1"] != six["codebook 6"]
-    for stage in ("classifier 0", "encoder 0", "regions", "hypotheses", "poses"):
-        assert one[stage] != six[stage]
 
 
 @pytest.fixture

@@ -113,6 +113,7 @@ DAMAGE = {
     "record edited": lambda folder: edit(folder, seconds=99.0),
     "record of another stage": lambda folder: edit(folder, resealed=True, stage="views"),
     "record of another output": lambda folder: edit(folder, resealed=True, fingerprint="f" * 16),
+    "record of another kind": lambda folder: edit(folder, resealed=True, seconds="1"),
     "file outside": lambda folder: edit(folder, resealed=True, files={"../../x": "0"}),
     "of an earlier version": lambda folder: edit(folder, without=("files", "checksum")),
 }
@@ -135,38 +136,6 @@ def test_what_is_damaged_is_set_aside_and_made_again(tmp_path, caplog, how):
     (warning,) = [line.message for line in caplog.records if line.levelname == "WARNING"]
     assert str(folder) in warning and f"{NAME}.damaged" in warning
     assert ask(tmp_path, fail_if_called).events[0].seconds < 1.0
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"seconds": "1"}, "seconds is '1': it must be a number"),
-        ({"seconds": -1.0}, "seconds is -1.0: it must be at least 0"),
-        ({"files": ["data.txt"]}, "files is ['data.txt']: it must be a mapping"),
-        ({"files": {"data.txt": 1}}, "files.data.txt is 1: it must be text"),
-        ({"stage": 7}, "stage is 7: it must be text"),
-    ],
-)
-def test_a_record_that_is_not_as_its_schema_is_named(tmp_path, values, words):
-    ask(tmp_path)
-    folder = tmp_path / "codebook" / NAME
-    edit(folder, resealed=True, **values)
-    with pytest.raises(DataError) as caught:
-        StageStore(tmp_path).read_record("codebook", NAME)
-    assert str(caught.value).startswith(f"{folder / 'stage.json'}: {words}")
-
-
-@pytest.mark.parametrize("what", ["empty folder", "file", "link to nowhere"])
-def test_what_no_store_wrote_is_set_aside(tmp_path, what):
-    folder = tmp_path / "codebook" / NAME
-    folder.parent.mkdir()
-    {
-        "empty folder": folder.mkdir,
-        "file": folder.touch,
-        "link to nowhere": lambda: folder.symlink_to(tmp_path / "nowhere"),
-    }[what]()
-    ask(tmp_path)
-    assert (folder / "data.txt").read_text() == "done"
 
 
 @pytest.mark.parametrize("ending", ["partial", "lock", ""])

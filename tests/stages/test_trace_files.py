@@ -31,7 +31,7 @@ ARRAYS = {"6/poses": np.arange(32.0).reshape(2, 4, 4), "6/mask": np.arange(9, dt
 def trace():
     estimator = FakeEstimator()
     counts = dict.fromkeys(OBJECTS, 1)
-    return search_frame(estimator, estimator.prepare(FRAME), counts, by_threads=False)
+    return search_frame(estimator.prepare(FRAME), counts, by_threads=False)
 
 
 def written(folder, trace, stages=STAGES):

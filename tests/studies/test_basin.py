@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
 from hlp.refinement.refiner import NoneSettings
-from hlp.studies.basin import BasinSettings, perturbation_grid, perturbed_poses
+from hlp.studies.basin import BasinSettings, perturbation_grid
 
 NONE = NoneSettings()
 TASK = BasinSettings("basin", ("none",), None, (0.0, 30.0), (0.0, 10.0, 50.0), 4, {"none": NONE})
@@ -51,9 +51,8 @@ def centre(pose):
 
 def test_directions_favour_none_and_differ():
     count = 4000
-    starts = perturbed_poses(
-        TRUE, CENTROID, np.full(count, 20.0), np.full(count, 10.0), np.random.default_rng(1)
-    )
+    changed = {"rotation_deg": (20.0,), "translation_mm": (10.0,), "perturbations": count}
+    starts = perturbation_grid(dataclasses.replace(TASK, **changed), TRUE, CENTROID, 1)[0, 0]
     shifts = np.array([centre(start) - centre(TRUE) for start in starts]) * 100.0
     axes = Rotation.from_matrix(starts[:, :3, :3] @ TRUE[:3, :3].T).as_rotvec() / np.deg2rad(20.0)
     for directions in (shifts, axes):

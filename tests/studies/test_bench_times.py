@@ -6,25 +6,23 @@ import pytest
 
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate
-from hlp.studies.bench import ratios
 from hlp.studies.bench_times import (
     PartClock,
     Spent,
     TimedDetection,
     bench_targets,
-    compare_paths,
+    share_of_same,
     summarise_path,
-    summarise_spent,
 )
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 MODELS = {1: SimpleNamespace(symmetries=np.stack([np.eye(4), HALF_TURN]))}
 
 
-def look(frame, place, spent, pose=None, region=(255,)):
+def look(frame, place, spent, pose=None):
     times = {part: Spent(ms / 1e3, 2 * ms / 1e3) for part, ms in spent.items()}
     estimate = PoseEstimate(1, frame, 1, pose, 1.0)
-    return TimedDetection(estimate, place, times, np.array(region, dtype=np.uint8))
+    return TimedDetection(estimate, place, times)
 
 
 def verdicts(*right):
@@ -55,24 +53,12 @@ def test_times_of_first_and_further_objects_and_of_whole_frames():
     assert path["frame"]["refine"]["median_ms"] == pytest.approx((12 + 9) / 2)
 
 
-def test_times_and_verdicts_by_target():
-    looks = [look(1, 0, {"windows": 10, "refine": 5}), look(2, 1, {"refine": 7})]
+def test_verdicts_by_target():
     scores = [
-        SimpleNamespace(scene_id=1, frame_id=1, object_id=1, add_correct=True),
-        SimpleNamespace(scene_id=1, frame_id=1, object_id=1, add_correct=False),
+        SimpleNamespace(scene_id=1, frame_id=1, object_id=1, add_correct=right)
+        for right in (True, False)
     ]
-    found = bench_targets(looks, scores)
-    assert list(found) == ["ms first", "CPU first", "ms further", "CPU further", "ADD(-S)"]
-    assert found["ms first"] == {(1, 1, 1, 0): pytest.approx(15)}
-    assert found["CPU further"] == {(1, 2, 1, 0): pytest.approx(14)}
-    assert found["ADD(-S)"] == {(1, 1, 1, 0): 1.0, (1, 1, 1, 1): 0.0}
-
-
-def test_ratios_are_of_medians_and_absent_where_there_is_no_time():
-    own = {"a": {"median_ms": 4.0}, "b": {"median_ms": 0.0}}
-    other = {"a": {"median_ms": 6.0}, "b": {"median_ms": 1.0}}
-    assert ratios(own, other) == {"a": 1.5, "b": None}
-    assert ratios({}, {}) == {}
+    assert bench_targets(scores) == {"ADD(-S)": {(1, 1, 1, 0): 1.0, (1, 1, 1, 1): 0.0}}
 
 
 @pytest.mark.parametrize(
@@ -86,25 +72,9 @@ def test_ratios_are_of_medians_and_absent_where_there_is_no_time():
     ],
 )
 def test_poses_are_the_same_within_the_tolerance_up_to_symmetry(pose, same):
-    looks = {"own": [look(1, 0, {}, posed())], "other": [look(1, 0, {}, pose)]}
-    scores = {"own": verdicts(True), "other": verdicts(True)}
-    found = compare_paths(looks, scores, MODELS, ("own", "other"), (1.0, 0.5))
-    assert found["same_pose"] == float(same)
-
-
-def test_paths_are_paired_by_frame_and_agree_by_share():
-    own = [look(1, 0, {}, None, (0b1100,)), look(2, 0, {}, posed(), (0,))]
-    other = [look(2, 0, {}, posed(), (0,)), look(1, 0, {}, None, (0b0110,))]
-    scores = {"own": verdicts(False, True), "other": verdicts(True, True)}
-    found = compare_paths(
-        {"own": own, "other": other}, scores, MODELS, ("own", "other"), (1.0, 0.5)
-    )
-    assert found == pytest.approx({"same_pose": 1.0, "same_verdict": 0.5, "region_iou": 2 / 3})
-
-
-def test_times_of_whole_frames_have_median_and_spread():
-    found = summarise_spent([Spent(0.04, 0.05), Spent(0.08, 0.01)])
-    assert found == pytest.approx({"median_ms": 60, "p95_ms": 78, "cpu_ms": 30})
+    looks = [[look(1, 0, {}, posed())], [look(1, 0, {}, pose)]]
+    assert share_of_same(*looks, MODELS, (1.0, 0.5)) == float(same)
+    assert share_of_same(looks[1], looks[1], MODELS, (1.0, 0.5)) == 1.0
 
 
 def spin(seconds):

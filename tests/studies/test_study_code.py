@@ -33,7 +33,7 @@ def names() -> dict[str, str]:
     task = BasinSettings(compared=("icp", "pso"), refiners=refiners)
     store: Any = NameOnly()
     stages: Any = SimpleNamespace(
-        settings=method, dataset=dataset, hypotheses=lambda: Output("hypotheses", Path())
+        settings=method, dataset=dataset, make=lambda stage: Output(stage, Path())
     )
     space: Any = SimpleNamespace(space=SimpleNamespace(name="s", parameters={}), limit_ms=1.0)
     return {

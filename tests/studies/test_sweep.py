@@ -74,14 +74,10 @@ def test_a_data_set_that_the_data_folder_lacks_is_left_out(
     monkeypatch.setattr(sweep.HydraConfig, "get", Mock())
     sweep.run_one(config)
     assert "left out: there is no folder" in caplog.text and "cup" in caplog.text
-    assert sweep._absent_folder(config, "data.root") == f"{tmp_path}/cup"
     (tmp_path / "cup").mkdir()
-    assert sweep._absent_folder(config, "data.root") is None
-    for other in (
-        {"data_folder": None, "data": {"root": "none"}},
-        {"data_folder": "x", "data": {}},
-    ):
-        assert sweep._absent_folder(OmegaConf.create(other), "data.root") is None
+    assert sweep._has_data(config)
+    for other in ({"data_folder": None, "data": {"root": "x"}}, {"data_folder": "x", "data": {}}):
+        assert sweep._has_data(OmegaConf.create(other))
 
 
 def test_a_group_without_keys_of_its_own_is_named_by_its_file() -> None:

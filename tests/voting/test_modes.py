@@ -1,4 +1,5 @@
 import dataclasses
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -53,32 +54,38 @@ def voted_center(pose):
     return pose[:3, :3] @ CENTROID + pose[:3, 3]
 
 
-def brute_translation(votes, radius, mean_shift_iterations):
+def brute_mode(values, weights, radius, distance, mean):
     """Flat-kernel mean shift from every vote, in loops; the centre with the most weight."""
     best, most = None, -1.0
-    for center in votes.centroids_cam:
-        for _ in range(mean_shift_iterations):
-            inside = [np.linalg.norm(p - center) <= radius for p in votes.centroids_cam]
-            center = np.average(votes.centroids_cam[inside], axis=0, weights=votes.weights[inside])
-        weight = votes.weights[np.linalg.norm(votes.centroids_cam - center, axis=1) <= radius].sum()
+    for center in values:
+        for _ in range(10):
+            inside = distance(values, center) <= radius
+            center = mean(values[inside], weights[inside])
+        weight = weights[distance(values, center) <= radius].sum()
         if weight > most + 1e-9:
             best, most = center, weight
     return best
 
 
-def brute_rotation(votes, angle, mean_shift_iterations):
-    """The same of rotations, with SciPy's mean of rotations, which knows no signs."""
-    best, most = None, -1.0
-    for center in votes.rotations_cam_obj:
-        for _ in range(mean_shift_iterations):
-            inside = rotation_distance(votes.rotations_cam_obj, center) <= angle
-            chosen = Rotation.from_matrix(votes.rotations_cam_obj[inside])
-            center = chosen.mean(weights=votes.weights[inside]).as_matrix()
-        apart = rotation_distance(votes.rotations_cam_obj, center)
-        weight = votes.weights[apart <= angle].sum()
-        if weight > most + 1e-9:
-            best, most = center, weight
-    return best
+def brute_translation(votes):
+    return brute_mode(
+        votes.centroids_cam,
+        votes.weights,
+        0.010,
+        lambda a, b: np.linalg.norm(a - b, axis=1),
+        lambda a, weights: np.average(a, axis=0, weights=weights),
+    )
+
+
+def brute_rotation(votes):
+    """With SciPy's mean of rotations, which knows no signs."""
+    return brute_mode(
+        votes.rotations_cam_obj,
+        votes.weights,
+        np.deg2rad(5.0),
+        rotation_distance,
+        lambda a, weights: Rotation.from_matrix(a).mean(weights=weights).as_matrix(),
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -91,9 +98,9 @@ def test_the_papers_modes_equal_brute_force(seed):
     found = MeanShiftModes(PAPER).find(votes, CENTROID)
     assert len(found) == 1
     pose = found.poses_cam_obj[0]
-    expected = brute_translation(votes, 0.010, 10)
+    expected = brute_translation(votes)
     np.testing.assert_allclose(voted_center(pose), expected, atol=1e-9)
-    turned = brute_rotation(votes, np.deg2rad(5.0), 10)
+    turned = brute_rotation(votes)
     assert np.rad2deg(rotation_distance(pose[:3, :3], turned)) < 0.02
     assert np.linalg.norm(expected - HERE) < 0.003  # the larger group
     near = np.linalg.norm(votes.centroids_cam - HERE, axis=1) < 0.02
@@ -123,6 +130,7 @@ def two_objects():
 
 
 def test_joint_modes_pair_no_translation_with_the_rotation_of_another_hypothesis():
+    """The paper's may."""
     found = MeanShiftModes(JOINT).find(two_objects(), CENTROID)
     for pose, place, turn in zip(
         found.poses_cam_obj[:2], (THERE, HERE), (rotation(100, "y"), rotation(20)), strict=True
@@ -130,13 +138,9 @@ def test_joint_modes_pair_no_translation_with_the_rotation_of_another_hypothesis
         np.testing.assert_allclose(voted_center(pose), place, atol=0.003)
         assert np.rad2deg(rotation_distance(pose[:3, :3], turn)) < 1.0
     np.testing.assert_allclose(found.support[:2], [25, 20])
-
-
-def test_the_papers_modes_may():
-    found = MeanShiftModes(PAPER).find(two_objects(), CENTROID)
-    np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), HERE, atol=0.003)
-    apart = rotation_distance(found.poses_cam_obj[0, :3, :3], rotation(100, "y"))
-    assert np.rad2deg(apart) < 1.0
+    (pose,) = MeanShiftModes(PAPER).find(two_objects(), CENTROID).poses_cam_obj
+    np.testing.assert_allclose(voted_center(pose), HERE, atol=0.003)
+    assert np.rad2deg(rotation_distance(pose[:3, :3], rotation(100, "y"))) < 1.0
 
 
 def many_objects(seed=3):
@@ -155,40 +159,24 @@ def inside(votes, pose):
 
 
 @pytest.mark.parametrize("hypotheses", [1, 5])
-def test_joint_modes_are_ranked_distinct_and_no_more_than_asked_for(hypotheses):
+def test_joint_modes_are_means_ranked_distinct_and_no_more_than_asked_for(hypotheses):
     votes = many_objects()
-    settings = dataclasses.replace(JOINT, hypotheses=hypotheses)
-    found = MeanShiftModes(settings).find(votes, CENTROID)
+    settings = dataclasses.replace(JOINT, hypotheses=hypotheses, mean_shift_iterations=30)
+    found, by_two = (MeanShiftModes(settings, threads).find(votes, CENTROID) for threads in (1, 2))
+    np.testing.assert_array_equal(found.poses_cam_obj, by_two.poses_cam_obj)
+    np.testing.assert_array_equal(found.support, by_two.support)
     assert len(found) == hypotheses
     assert (np.diff(found.support) <= 0).all()
     for pose, support in zip(found.poses_cam_obj, found.support, strict=True):
-        assert support == pytest.approx(votes.weights[inside(votes, pose)].sum())
-    for i in range(len(found)):
-        for j in range(i):
-            first, second = found.poses_cam_obj[i], found.poses_cam_obj[j]
-            apart = np.linalg.norm(voted_center(first) - voted_center(second))
-            turned = rotation_distance(first[:3, :3], second[:3, :3])
-            assert apart > RADIUS or turned > ANGLE
-
-
-def test_the_best_joint_mode_equals_brute_force():
-    votes = join([make_votes((30, HERE, rotation(20), 0.006, 4.0, 1.0)), clutter(60)])
-    best, most = None, -1.0
-    for center, turn in zip(votes.centroids_cam, votes.rotations_cam_obj, strict=True):
-        for _ in range(20):
-            near = (np.linalg.norm(votes.centroids_cam - center, axis=1) <= RADIUS) & (
-                rotation_distance(votes.rotations_cam_obj, turn) <= ANGLE
-            )
-            center = votes.centroids_cam[near].mean(axis=0)
-            turn = Rotation.from_matrix(votes.rotations_cam_obj[near]).mean().as_matrix()
-        if near.sum() > most:
-            best, most = (center, turn), near.sum()
-    found = MeanShiftModes(dataclasses.replace(JOINT, mean_shift_iterations=20)).find(
-        votes, CENTROID
-    )
-    np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), best[0], atol=1e-9)
-    assert np.rad2deg(rotation_distance(found.poses_cam_obj[0, :3, :3], best[1])) < 0.02
-    assert found.support[0] == most
+        near = inside(votes, pose)
+        assert support == pytest.approx(votes.weights[near].sum())
+        mean = np.average(votes.centroids_cam[near], axis=0, weights=votes.weights[near])
+        np.testing.assert_allclose(voted_center(pose), mean, atol=1e-9)
+        turn = Rotation.from_matrix(votes.rotations_cam_obj[near]).mean(votes.weights[near])
+        assert np.rad2deg(rotation_distance(pose[:3, :3], turn.as_matrix())) < 0.02
+    for one, other in combinations(found.poses_cam_obj, 2):
+        apart = np.linalg.norm(voted_center(one) - voted_center(other))
+        assert apart > RADIUS or rotation_distance(one[:3, :3], other[:3, :3]) > ANGLE
 
 
 @pytest.mark.parametrize("settings", [PAPER, JOINT])
@@ -253,14 +241,6 @@ def test_without_shifts_the_support_of_a_mode_is_that_of_its_vote():
         np.testing.assert_allclose(pose[:3, :3], votes.rotations_cam_obj[vote], atol=1e-9)
 
 
-@pytest.mark.parametrize("settings", [JOINT, SequentialVotingSettings(hypotheses=5)])
-def test_threads_change_no_bit(settings):
-    votes = join([many_objects(), clutter(300)])
-    one, two = (MeanShiftModes(settings, threads).find(votes, CENTROID) for threads in (1, 2))
-    np.testing.assert_array_equal(one.poses_cam_obj, two.poses_cam_obj)
-    np.testing.assert_array_equal(one.support, two.support)
-
-
 @pytest.fixture
 def scattered():
     """40 votes for HERE, 30 of them at 20°; 12 each for four far places, all of them at 120°."""
@@ -275,20 +255,21 @@ def test_rotations_are_sought_among_the_votes_near_the_translation(scattered):
     """Both by the definition of the mean shift."""
     settings = SequentialVotingSettings(mean_shift_iterations=30)
     pose = MeanShiftModes(settings).find(scattered, CENTROID).poses_cam_obj[0]
-    expected = brute_translation(scattered, 0.010, 30)
+    expected = brute_translation(scattered)
     np.testing.assert_allclose(voted_center(pose), expected, atol=1e-9)
     near = np.linalg.norm(scattered.centroids_cam - expected, axis=1) <= 0.010
     there = Votes(*(values[near] for values in vars(scattered).values()))
-    turn = brute_rotation(there, np.deg2rad(5.0), 30)
+    turn = brute_rotation(there)
     assert rotation_distance(pose[:3, :3], turn) < 1e-3
 
 
 def test_several_poses_are_ordered_by_the_votes_that_agree_with_them(scattered):
-    settings = SequentialVotingSettings(hypotheses=4)
-    found = MeanShiftModes(settings).find(scattered, CENTROID)
+    found, every = (
+        MeanShiftModes(SequentialVotingSettings(hypotheses=most)).find(scattered, CENTROID)
+        for most in (4, 9)
+    )
     np.testing.assert_array_equal(found.support, [30.0, 12.0, 12.0, 12.0])
     off = [np.linalg.norm(voted_center(pose) - HERE) for pose in found.poses_cam_obj]
     assert off[0] < 0.003 < min(off[1:])
-    every = MeanShiftModes(SequentialVotingSettings(hypotheses=9)).find(scattered, CENTROID)
     np.testing.assert_array_equal(every.support, [30.0, 12.0, 12.0, 12.0, 12.0, 10.0])
     np.testing.assert_array_equal(every.poses_cam_obj[:4], found.poses_cam_obj)

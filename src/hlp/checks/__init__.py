@@ -14,8 +14,3 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.where}: {self.problem}. {self.advice}"
-
-
-def counted(frames: int) -> str:
-    """How many frames show it, as a finding's place."""
-    return "this frame alone" if frames == 1 else f"{frames} frames"

@@ -1,26 +1,22 @@
-"""What known objects, found in some frames, tell of faults of these frames.
+"""What known objects, found in some frames or not, tell of faults of these frames.
 
-At each pose whose shape fits, the object's colours are compared with the image's: with red and blue
-as they are and exchanged. Depth and focal lengths are judged by `hlp.checks.corrections`. Three
-frames must show a fault; one or two, more clearly. `FaultWatch` does so for the first frames of
-`hlp predict`.
+Where an object is found, its pose is followed by the refiner alone to where it is seen after each
+correction, and its colours are compared with the image's. Where none is found, the correction after
+which it is found with certainty is named. `FaultWatch` looks at the first frames of `hlp predict`.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from hlp.arrays import Pose
-from hlp.checks import Finding, counted
-from hlp.checks.corrections import (
-    Correction,
-    all_answers,
-    check_corrections,
-    correction_gains,
-)
-from hlp.checks.frame_checks import check_first_frame, check_registration
+from hlp.arrays import Mask, Pose
+from hlp.checks import Finding
+from hlp.checks.corrections import EXCHANGED, ROWS, UNITS, Correction, check_gains
+from hlp.checks.frame_checks import check_depth_scale, check_first_frame
+from hlp.checks.registration import check_registration, find_registration
 from hlp.errors import InputError
 from hlp.method.detector import Detector
 from hlp.method.find.detections import Detection, SearchResult, TrackingResult
@@ -29,152 +25,210 @@ from hlp.refinement.score_model import MIN_SCORE
 from hlp.refinement.texture import color_agreement
 from hlp.refinement.verification import VerificationSettings, observe
 
+FindBest = Callable[[Frame], float]
+"""The highest score of any learnt object in a frame."""
+
+_CERTAIN = 0.8  # score of the answer, or of that after the correction; absent objects seldom reach
+_CERTAIN_ALONE = 0.9  # the same for a correction where there is no second frame
+_FOUND = 0.6  # a score that needs no explanation
+_SCORE_GAIN, _COLOR_GAIN = 0.3, 0.15  # that a correction must bring; colours are a small part of it
 _SHAPE_FITS = 0.8  # agreement of depth steps and of slopes: wrong poses rarely reach it
-_ENOUGH = 3  # frames
-_SHARE = 0.75  # of the frames that must say the same
-# Red and blue exchanged: difference of both correlations. Objects of nearly no colour have one of
-# about 0 either way, objects of much colour above 1.
-_EXCHANGED, _EXCHANGED_ALONE = 0.4, 0.8
+_LIKELY = 5.0  # agreement of the edges at a place of depth that the objects are to confirm
+_CONFIRMING = 3  # frames of a search, the first one among them
+_SOUGHT = 3  # objects that are looked for after each correction
+ABSENT = "objects"
+"""The kind of a finding that objects are found nowhere."""
 
 
-class Evidence:
-    """Order of colours, unit of depth, focal lengths: a quarter of a second a frame."""
+def known_gains(
+    detector: Detector, frame: Frame, answers: Sequence[Detection]
+) -> dict[Correction, float]:
+    """How much less the most certain answer to a frame costs after each correction.
 
-    def __init__(self, detector: Detector) -> None:
-        self._detector = detector
-        self._exchanges: list[float | None] = []
-        self._fits: list[dict[Correction, float]] = []
-
-    def add(self, frame: Frame, answers: Sequence[Detection]) -> None:
-        """Take in a frame and the answers to it, whatever their score."""
-        models = self._detector.models
-        fitting = colored_answers(models, answers)
-        placed = [(models[answer.object], answer.pose_cam_obj) for answer in fitting]
-        self._exchanges.append(exchange_gain(frame, placed))
-        self._fits.append(correction_gains(frame, models, answers, self._refine))
-
-    def findings(self) -> list[Finding]:
-        """What is wrong with these frames, one fault at most: one disturbs the signs of others."""
-        return check_color_order(self._exchanges) or check_corrections(self._fits)
-
-    def _refine(self, frame: Frame, answer: Detection) -> Detection | None:
-        try:
-            return self._detector.refine(
-                frame.rgb, frame.depth, frame.camera_matrix, answer.object, answer.pose_cam_obj
-            )
-        except InputError:  # a correction that makes no sense for this frame
-            return None
-
-
-def colored_answers(
-    models: Mapping[str, ObjectModel], answers: Sequence[Detection]
-) -> list[Detection]:
-    """Poses of objects with colours whose shape fits. `models` are by the names of the answers."""
-    return [
-        answer
-        for answer in answers
-        if models[answer.object].mesh.colored
-        and min(answer.fit.depth_correlation, answer.fit.slope) >= _SHAPE_FITS
-    ]
+    A correction is left out if the pose is uncertain before and after it: the cost of a wrong pose
+    says nothing. Beside them is the gain of colours, at all poses whose shape fits. It takes a
+    quarter of a second.
+    """
+    models = detector.models
+    fitting = [a for a in answers if min(a.fit.depth_correlation, a.fit.slope) >= _SHAPE_FITS]
+    gains = exchange_gain(frame, [(models[a.object], a.pose_cam_obj) for a in fitting])
+    best = max(answers, key=lambda answer: answer.score, default=None)
+    if best is None:
+        return gains
+    for row in ROWS:
+        gain, score = np.inf, 0.0
+        for correction in row:
+            if gain > 0.0:  # a larger one is tried only where the smaller one helps
+                pose = correction.pose(best.pose_cam_obj, models[best.object].centroid)
+                there = correction.frame(frame)
+                image, found = (there.rgb, there.depth, there.camera_matrix), None
+                with suppress(InputError):  # of a correction that makes no sense for this frame
+                    found = detector.refine(*image, best.object, pose)
+                if found is None:
+                    break
+                gain, score = best.fit.cost - found.fit.cost, found.score
+            if max(score, best.score) >= _CERTAIN:
+                gains[correction] = gain
+    return gains
 
 
-def exchange_gain(frame: Frame, placed: Sequence[tuple[ObjectModel, Pose]]) -> float | None:
+def exchange_gain(
+    frame: Frame, placed: Sequence[tuple[ObjectModel, Pose]]
+) -> dict[Correction, float]:
     """How much better the colours of objects agree with red and blue exchanged.
 
-    The mean difference of the correlations at the poses of those with colours; None if none has.
+    The mean difference of the correlations at the poses of those with colours; empty if none has.
     """
     stated = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
-    exchanged = replace(stated, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
+    exchanged = replace(stated, rgb=EXCHANGED.frame(frame).rgb)
     gains = [
         color_agreement(exchanged, model, pose).correlation
         - color_agreement(stated, model, pose).correlation
         for model, pose in placed
         if model.mesh.colored
     ]
-    return float(np.mean(gains)) if gains else None
+    return {EXCHANGED: float(np.mean(gains))} if gains else {}
 
 
-def check_color_order(gains: Sequence[float | None]) -> list[Finding]:
-    """Exchanged red and blue, by the `exchange_gain` of each frame."""
-    known = [gain for gain in gains if gain is not None]
-    if not known or len(known) < min(len(gains), 2):
+def all_answers(found: SearchResult | TrackingResult) -> list[Detection]:
+    """Detections and what was not good enough: a fault of the frame lowers the score."""
+    rejected = [rejection.answer for rejection in found.rejections if rejection.answer]
+    return [*found.detections, *rejected]
+
+
+def find_answers(
+    detector: Detector, objects: Sequence[str], masks: Mapping[str, Mask], frame: Frame
+) -> list[Detection]:
+    """The best answer for each of the objects in a frame, whatever its score.
+
+    None where a frame makes no sense. `masks` are by the keys of frames; one without is searched
+    everywhere.
+    """
+    if check_depth_scale(frame, [detector.models[name] for name in objects]):
+        return []  # objects of no size that could be found, and slow to look for
+    images, mask = (frame.rgb, frame.depth, frame.camera_matrix), masks.get(frame.key)
+    try:
+        return all_answers(detector.search(*images, objects, 1, 0.0, mask))
+    except InputError:
         return []
-    agreeing = sum(gain > 0.0 for gain in known)
-    if len(known) < _ENOUGH:
-        exchanged = min(known) >= _EXCHANGED_ALONE
-    else:
-        exchanged = float(np.mean(known)) >= _EXCHANGED and agreeing >= _SHARE * len(known)
-    if not exchanged:
+
+
+def check_by_search(
+    frames: Sequence[Frame], stated: float, find_best: FindBest, unit: float | None = None
+) -> list[Finding]:
+    """The fault that keeps objects from being found in the first of some frames.
+
+    `stated` is the best score there, `unit` how many mm a unit of depth was taken for. Objects must
+    then be found in one of the two next frames too, and more certainly if there is none: something
+    may look like an absent object after some correction. It takes 20 to 40 searches.
+    """
+    if not frames:
         return []
-    problem = (
-        "known objects agree better with red and blue exchanged (correlation of colours higher by "
-        f"{np.mean(known):.2f})"
+    frame, others = frames[0], frames[1:_CONFIRMING]
+    certain = _CERTAIN if others else _CERTAIN_ALONE
+
+    def named(rows: Sequence[tuple[Correction, ...]], gain: float) -> list[Finding]:
+        scores = {each: find_best(each.frame(frame)) for row in rows for each in row}
+        best = max(scores, key=lambda each: scores[each])
+        if scores[best] < max(certain, stated + gain):
+            return []
+        # Another factor of the row may suit the other frame better.
+        row = sorted(next(row for row in rows if best in row), key=lambda each: each != best)
+        tried = (find_best(each.frame(other)) for other in others for each in row)
+        if others and not any(score >= _CERTAIN for score in tried):
+            return []
+        because = f"objects are found then with a score of {scores[best]:.2f}, not {stated:.2f}"
+        place = best.registration
+        found = [] if place is None else [place.finding(frame, because)]
+        if place is None or best.depth != 1.0:
+            found.append(best.finding(f"frame {frame.key}", because, unit))
+        return found
+
+    found = named([(EXCHANGED,)], _COLOR_GAIN)
+    if found or stated >= _FOUND:
+        return found
+    place = find_registration(frames, whole=True, clear=_LIKELY)
+    factors = () if place is None else (1.0, *UNITS)
+    placed = tuple(Correction(depth=factor, registration=place) for factor in factors)
+    return named([placed, *ROWS], _SCORE_GAIN)
+
+
+def check_with_objects(
+    detector: Detector, frames: Sequence[Frame], masks: Mapping[str, Mask], unit: float | None
+) -> list[Finding]:
+    """Faults that keep objects from being found, or with which they fit worse in most frames."""
+    answers = [find_answers(detector, detector.objects, masks, frame) for frame in frames]
+    found = [answer for each in answers for answer in each]
+    scores = {name: _best(a for a in found if a.object == name) for name in detector.objects}
+    sought = sorted(scores, key=lambda name: -scores[name])[:_SOUGHT]
+    order = np.argsort([_best(each) for each in answers])[::-1]
+
+    def find_best(frame: Frame) -> float:
+        return _best(find_answers(detector, sought, masks, frame))
+
+    likely = [frames[place] for place in order]
+    findings = check_by_search(likely, _best(answers[order[0]]), find_best, unit) or check_gains(
+        [known_gains(detector, *each) for each in zip(frames, answers, strict=True)]
     )
-    advice = "OpenCV reads blue first: write RGB"
-    return [Finding("colours", counted(agreeing), problem, advice)]
+    absent = [name for name in scores if scores[name] < MIN_SCORE]
+    if findings or not absent:
+        return findings
+    advice = "It is not in view or too small, or depth is not registered to colour"
+    problem = f"found in none of {len(frames)} frames"
+    return [Finding(ABSENT, ", ".join(absent), problem, advice)]
+
+
+def _best(answers: Iterable[Detection]) -> float:
+    """The highest score; 0 where there is none."""
+    return max((answer.score for answer in answers), default=0.0)
 
 
 _EXAMINED = 6  # frames
-_SURE = 3  # frames before the first examination
 _logger = logging.getLogger(__name__)
 
 
 class FaultWatch:
-    """Examines the first frames of a call, each after its answers were written.
+    """Examines the first frames of a call, after their answers were written.
 
     Says one fault at most. Units and intrinsics are looked at in the first frame, what needs known
-    objects in the first six; one or two frames must show it more clearly. Where none is found in
-    them, it says so: the reason is looked for by `hlp doctor`, which takes longer.
+    objects in the first six together. Where none is found in them, it says so: the reason is looked
+    for by `hlp doctor`, which takes longer.
     """
 
     def __init__(self, detector: Detector, objects: Sequence[str] | None) -> None:
         """`objects` are the names that are looked for, None: all learnt ones."""
         self._detector, self._names = detector, objects or detector.objects
-        self._evidence = Evidence(detector)
-        self._frames: list[Frame] = []
-        self._answers: list[list[Detection]] = []
+        self._seen: list[tuple[Frame, list[Detection]]] = []
         self._done = False
 
     def add(self, frame: Frame, found: SearchResult | TrackingResult) -> None:
         """Take in the next frame and what was found in it; warn of what is noticed."""
         if self._done:
             return
-        self._frames.append(frame)
-        self._answers.append(all_answers(found))
-        count = len(self._frames)
-        if count == 1:
+        self._seen.append((frame, all_answers(found)))
+        if len(self._seen) == 1:
             models = [self._detector.models[name] for name in self._names]
             self._say(check_first_frame(frame, models))
-        if count >= _SURE:  # fewer are examined at the end: more frames make it surer
-            self._examine(0 if count == _SURE else count - 1)
-        if count == _EXAMINED:
+        if len(self._seen) == _EXAMINED:
             self.end()
 
     def end(self) -> None:
         """Say what the frames tell after the last one."""
-        if self._done or not self._frames:
+        if self._done or not self._seen:
             return
-        count = len(self._frames)
-        if count < _SURE:
-            self._examine(0)
-        self._say(check_registration(self._frames))
-        if all(found.score < MIN_SCORE for answers in self._answers for found in answers):
+        found = check_gains([known_gains(self._detector, *each) for each in self._seen])
+        self._say(found or check_registration([frame for frame, _ in self._seen]))
+        if not any(found.score >= MIN_SCORE for _, answers in self._seen for found in answers):
             _logger.info(
                 "%s: found in none of %d frames; `hlp doctor` with the same learnt, rgb, depth, "
                 "intrinsics, mask and box looks for the reason",
                 ", ".join(self._names),
-                count,
+                len(self._seen),
             )
         self._done = True
-        self._frames.clear()
-
-    def _examine(self, first: int) -> None:
-        for frame, answers in zip(self._frames[first:], self._answers[first:], strict=True):
-            self._evidence.add(frame, answers)
-        self._say(self._evidence.findings())
+        self._seen.clear()
 
     def _say(self, findings: Sequence[Finding]) -> None:
-        if not self._done:
-            for finding in findings:
-                _logger.warning("warning: %s", finding)
-            self._done = bool(findings)
+        for finding in findings:
+            _logger.warning("warning: %s", finding)
+        self._done = bool(findings)

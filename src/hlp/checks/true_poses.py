@@ -12,8 +12,9 @@ import numpy as np
 
 from hlp.arrays import Pose
 from hlp.checks import Finding
-from hlp.checks.frame_checks import find_registration
-from hlp.checks.known_objects import check_color_order, exchange_gain
+from hlp.checks.corrections import UNCHANGED, Correction, check_gains
+from hlp.checks.known_objects import exchange_gain
+from hlp.checks.registration import Registration, find_registration
 from hlp.geometry import inverse, rigid
 from hlp.records import Frame, ObjectModel
 from hlp.rendering.rasterizer import render_depth
@@ -47,41 +48,33 @@ class Sample:
 class Fault:
     """A fault: its kind, in words, what to do, and what undoes it.
 
-    That are factors of depth, focal lengths, all intrinsics, translations and the mesh, a shift of
-    the depth image (px), and a change of the pose. It explains only less than `most` agreement.
+    That is a correction of the frame, a change of the pose, or a factor of the mesh. It explains
+    only less than `most` agreement.
     """
 
     kind: str
     problem: str
     advice: str
-    depth: float = 1.0
-    focal: float = 1.0
-    image: float = 1.0
-    translation: float = 1.0
-    mesh: float = 1.0
-    shift: tuple[int, int] = (0, 0)
+    correction: Correction = UNCHANGED
     change: Callable[[Pose], Pose] = np.copy
+    mesh: float = 1.0
     most: float = 1.0
 
     def undo(self, sample: Sample) -> Sample:
         """The sample as it would be without the fault."""
-        depth = (sample.frame.depth * self.depth).astype(np.float32)
-        depth = np.roll(depth, self.shift[::-1], axis=(0, 1))
-        matrix = sample.frame.camera_matrix.copy()
-        matrix[[0, 1], [0, 1]] *= self.focal
-        matrix[:2] *= self.image
-        pose = self.change(sample.pose)
-        pose[:3, 3] *= self.translation
-        model, proxy = sample.model, sample.model.proxy
-        if self.mesh != 1.0:
-            model = replace(model, proxy=replace(proxy, vertices=proxy.vertices * self.mesh))
-        return Sample(replace(sample.frame, depth=depth, camera_matrix=matrix), model, pose)
+        proxy = sample.model.proxy
+        proxy = replace(proxy, vertices=proxy.vertices * self.mesh)
+        model = replace(sample.model, proxy=proxy)
+        return Sample(self.correction.frame(sample.frame), model, self.change(sample.pose))
 
 
 def _moved(metres: float, pose: Pose) -> Pose:
     """The pose farther away by so much."""
-    center = pose[:3, 3]
-    return rigid(pose[:3, :3], center * (1.0 + metres / np.linalg.norm(center)))
+    return _scaled(1.0 + metres / float(np.linalg.norm(pose[:3, 3])), pose)
+
+
+def _scaled(factor: float, pose: Pose) -> Pose:
+    return rigid(pose[:3, :3], pose[:3, 3] * factor)
 
 
 def _transposed(pose: Pose) -> Pose:
@@ -98,13 +91,13 @@ def _faults() -> Iterator[Fault]:
     yield Fault("axes", words, advice, change=lambda pose: _FLIP @ pose)
     for factor in _SCALES:
         words = f"depth is {1 / factor:.3g} times what it should be"
-        yield Fault("depth scale", words, "Correct depth_scale", depth=factor)
+        yield Fault("depth scale", words, "Correct depth_scale", Correction(depth=factor))
     for metres in _FARTHER:
         words = f"true poses are {1000 * abs(metres):.0f} mm too {'near' if metres > 0 else 'far'}"
         yield Fault("poses", words, _MEND_POSES, change=partial(_moved, metres))
     for factor in (0.01, 0.1, 10.0, 100.0, 1000.0):
         words = f"translations are {1 / factor:.3g} times what they should be"
-        yield Fault("pose unit", words, "Write millimetres", translation=factor)
+        yield Fault("pose unit", words, "Write millimetres", change=partial(_scaled, factor))
     for factor in (0.1, 10.0, 25.4):
         words = f"meshes are {1 / factor:.3g} times as large as they should be"
         # A tiny object agrees with anything behind which it stands.
@@ -112,13 +105,14 @@ def _faults() -> Iterator[Fault]:
         yield Fault("mesh unit", words, "Write millimetres", mesh=factor, most=most)
     for factor in _FOCALS:
         words = f"the focal length is about {1 / factor:.2g} times what it should be"
-        yield Fault("intrinsics", words, "Correct fx and fy", focal=factor)
+        yield Fault("intrinsics", words, "Correct fx and fy", Correction(focal=factor))
     for factor in (0.5, 2 / 3, 1.5, 2.0):
         words = f"intrinsics are those of images {1 / factor:.2g} times as large"
-        yield Fault("intrinsics", words, "Correct them", image=factor)
+        yield Fault("intrinsics", words, "Correct them", Correction(image=factor))
     for dx, dy in (place for shift in _SHIFTS for place in ((shift, 0), (0, shift))):
         words = f"depth is shifted against the poses by about ({-dx}, {-dy}) px"
-        yield Fault("registration", words, "Register depth to colour", shift=(dx, dy))
+        place = Correction(registration=Registration(right=dx, down=dy))
+        yield Fault("registration", words, "Register depth to colour", place)
 
 
 FAULTS = tuple(_faults())
@@ -141,7 +135,9 @@ def check_true_poses(frames: Sequence[Frame], models: Mapping[int, ObjectModel])
     if shares[best] >= stated + _GAIN:
         fault = possible[best]
         if fault.kind == "registration" and find_registration(frames, whole=True) is None:
-            beside = f"true poses lie about {fault.shift} px beside the objects"
+            place = fault.correction.registration
+            assert place is not None
+            beside = f"true poses lie about ({place.right}, {place.down}) px beside the objects"
             fault = replace(fault, kind="poses", problem=beside, advice=_MEND_POSES)
         words = [fault.problem]
         for other, share in zip(possible, shares, strict=True):
@@ -171,7 +167,7 @@ def _samples(frames: Sequence[Frame], models: Mapping[int, ObjectModel]) -> list
 def check_true_colors(frames: Sequence[Frame], models: Mapping[int, ObjectModel]) -> list[Finding]:
     """Red and blue exchanged: the colours of objects at their true poses agree better then."""
     placed = [[(each.model, each.pose) for each in _samples([frame], models)] for frame in frames]
-    return check_color_order(list(map(exchange_gain, frames, placed)))
+    return check_gains(list(map(exchange_gain, frames, placed)))
 
 
 def agreement(samples: Sequence[Sample]) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -121,13 +121,13 @@ class InvertedLists:
         self._threads = threads
         self.neighbours = min(settings.neighbours, len(self.features))
         self._team = ThreadTeam(threads)
-        self._lists: faiss.Index | None = None
+        self._lists: Any = None
         if len(self.features) >= EXACT_BELOW:
             if trained is None:
                 self._lists = _train(self.features, settings, seed)
             else:
                 self._lists = _restore(trained, self.features, settings)
-            self._lists.nprobe = settings.probes  # type: ignore[attr-defined]
+            self._lists.nprobe = settings.probes
 
     @property
     def trained(self) -> UInt8[np.ndarray, "bytes"]:
@@ -157,10 +157,8 @@ class InvertedLists:
             _, candidates = self._lists.search(single, count)
 
             def compare(first: int, last: int) -> None:
-                rows = slice(first, last)
-                _nearest(
-                    self.features, single[rows], candidates[rows], indices[rows], squared[rows]
-                )
+                parts = (array[first:last] for array in (single, candidates, indices, squared))
+                _nearest(self.features, *parts)
 
             self._team.map_ranges(compare, len(single))
         return Matches(indices, np.sqrt(squared))
@@ -173,10 +171,10 @@ def load_lists(
     if not (folder / _FILE).is_file():
         return None
     stored = read_npz(folder / _FILE)
-    if (int(stored["lists"]), int(stored["seed"])) != (settings.lists, seed):
-        return None
-    trained = stored["trained"]
-    return trained if trained.size else None
+    made_for = int(stored["lists"]), int(stored["seed"])
+    return (
+        stored["trained"] if made_for == (settings.lists, seed) and stored["trained"].size else None
+    )
 
 
 def _train(features: Features, settings: ListsSettings, seed: int) -> faiss.IndexIVFPQFastScan:

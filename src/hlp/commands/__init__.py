@@ -1,6 +1,5 @@
 """The commands of the command line: a function each, and its help as a text in `help/`."""
 
-from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -9,10 +8,10 @@ _FILLED_BY = {"run": "run", "download": "folders"}
 """Commands whose help lists what there is, and the modules that fill it in."""
 
 
-def help_text(command: str, arguments: Sequence[str] = ()) -> str:
-    """What `hlp COMMAND --help` prints, with these further arguments."""
+def help_text(command: str) -> str:
+    """What `hlp COMMAND --help` prints."""
     path = Path(__file__).with_name("help") / f"{command}.txt"
     text = path.read_text(encoding="utf-8").rstrip("\n")
     if command in _FILLED_BY:
-        return str(import_module(f"hlp.commands.{_FILLED_BY[command]}").filled(text, arguments))
+        return str(import_module(f"hlp.commands.{_FILLED_BY[command]}").filled(text))
     return text

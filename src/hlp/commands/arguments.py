@@ -7,7 +7,8 @@ import dataclasses
 import json
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -55,15 +56,14 @@ def check_known(given: Mapping[str, str], known: Sequence[str], command: str) ->
             )
 
 
-def check_mistyped(
-    given: Mapping[str, str], known: Collection[str], needed: Sequence[str], command: str
-) -> None:
-    """Raise InputError for a key that is none, but near one that is needed and absent."""
-    absent = [key for key in needed if key not in given]
-    for key in given:
-        hint = "" if key in known else nearest(key, absent)
-        if hint:
-            raise InputError(f"{key} is not a key of `hlp {command}`{hint}")
+def need(given: Mapping[str, str], keys: Iterable[str], known: Sequence[str], command: str) -> None:
+    """Raise InputError for the first of some keys that is absent, or the one that is near it."""
+    for key in keys:
+        if key not in given:
+            typed = get_close_matches(key, [word for word in given if word not in known], 1)
+            if typed:
+                raise InputError(f"{typed[0]} is not a key of `hlp {command}`: did you mean {key}?")
+            raise InputError(f"{key} is not set: give {key}=…, see `hlp {command} --help`")
 
 
 def known_arguments(arguments: Sequence[str], known: Sequence[str], command: str) -> dict[str, str]:
@@ -93,42 +93,17 @@ def field_names(*kinds: Any) -> set[str]:
     return {field.name for kind in kinds for field in dataclasses.fields(kind)}
 
 
-def of_single(
-    given: Mapping[str, str], keys: Collection[str], names: Collection[str]
-) -> dict[str, dict[str, str]]:
-    """Arguments KEY.NAME=VALUE, by name, of those keys that may be given for single objects.
-
-    Raises InputError for a name that is none of `names`.
-    """
-    found: dict[str, dict[str, str]] = {}
-    for argument, value in given.items():
-        key, dot, name = argument.partition(".")
-        if not dot or key not in keys:
-            continue
-        if name not in names:
-            raise InputError(f"{argument}: there is no object '{name}': {', '.join(names)}")
-        found.setdefault(name, {})[key] = value
-    return found
-
-
 def plain_value(text: str) -> Any:
     """A number, list, true, false or null; anything else is text: a path, with ~ expanded."""
-    try:
-        return _plain_value(text.strip())
-    except RecursionError as error:
-        raise InputError(f"{text} is nested too deeply") from error
-
-
-def _plain_value(text: str) -> Any:
+    text = text.strip()
     if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"":
         return text[1:-1]
-    try:
+    with suppress(ValueError):
         return json.loads(text)
-    except ValueError:
-        if re.fullmatch(r"[-+]?(\d+\.|\.\d+)([eE][-+]?\d+)?", text):  # .9 and 9., no JSON
-            return float(text)
+    if re.fullmatch(r"[-+]?(\d+\.|\.\d+)([eE][-+]?\d+)?", text):  # .9 and 9., no JSON
+        return float(text)
     if text.startswith("[") and text.endswith("]"):
-        return [_plain_value(part.strip()) for part in text[1:-1].split(",") if part.strip()]
+        return [plain_value(part) for part in text[1:-1].split(",") if part.strip()]
     return str(expanded(text)) if text.startswith("~") else text
 
 
@@ -139,12 +114,10 @@ def text_list(text: str) -> list[str]:
     return [str(value) for value in plain_value(text if text.startswith("[") else f"[{text}]")]
 
 
-def names_of_objects(given: dict[str, str]) -> list[str] | None:
-    """The names that `objects` gives, which is taken out; None without. InputError for none."""
-    if "objects" not in given:
-        return None
-    names = text_list(given.pop("objects"))
-    if not names:
+def names_of_objects(given: Mapping[str, str]) -> list[str] | None:
+    """The names that `objects` gives; None without. Raises InputError for none."""
+    names = text_list(given["objects"]) if "objects" in given else None
+    if names == []:
         raise InputError("objects names none: leave it out to look for all of them")
     return names
 

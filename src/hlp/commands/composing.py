@@ -1,7 +1,6 @@
 """Composing the configuration with Hydra, for the commands that take its keys and groups."""
 
 import logging
-import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,11 +25,7 @@ from hlp.errors import HlpError, InputError, is_expected
 from hlp.files import config_folder as config_folder
 from hlp.studies.sweep import sweep_open
 
-_ALONE = (MULTIRUN, {"-c", "--cfg"}, {"-i", "--info"}, {"-r", "--run"})
-_OPTIONS_WITH_VALUE = {
-    "--cfg", "-c", "--info", "-i", "--package", "-p", "--config-dir", "-cd", "--config-name", "-cn",
-    "--config-path", "-cp", "--experimental-rerun",
-}  # fmt: skip
+_ALONE = {*MULTIRUN, "-c", "--cfg", "-i", "--info", "-r", "--run"}
 
 
 def compose_config(*overrides: str, folder: Path | None = None) -> DictConfig:
@@ -59,29 +54,24 @@ def compose_and_call(
         version_base="1.3", config_path=str(folder or config_folder()), config_name="config"
     )
     with fails_in_one_line():
-        # The only way to pass arguments to Hydra.
-        sys.argv = [f"hlp {command}".strip(), *_overrides_first(arguments)]
+        alone = [word for word in arguments if word in _ALONE]
+        if len(alone) > 1:
+            raise InputError(f"{' and '.join(alone)} exclude each other: leave one out")
+        # The only way to pass arguments to Hydra, which refuses options among overrides.
+        sys.argv = [f"hlp {command}".strip(), *sorted(arguments, key=_is_of_options)]
         with sweep_open():
             app(lambda config: _job(config, task))()
 
 
-def _overrides_first(arguments: Sequence[str]) -> list[str]:
-    """The arguments in an order that Hydra takes: it refuses options among overrides.
-
-    Raises InputError for options that exclude each other.
-    """
-    given = [sorted(names & {*arguments})[0] for names in _ALONE if names & {*arguments}]
-    if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} exclude each other: leave one out")
-    overrides, options = list[str](), list[str]()
-    for before, argument in zip(["", *arguments], arguments, strict=False):
-        is_option = argument.startswith("-") or before in _OPTIONS_WITH_VALUE
-        (options if is_option else overrides).append(argument)
-    return [*overrides, *options]
+def _is_of_options(word: str) -> bool:
+    """Whether a word is an option or the value of one, and no override (KEY=VALUE, ~KEY)."""
+    return word.startswith("-") or not ("=" in word or word.startswith("~"))
 
 
 def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
     """Run one task. In a sweep an error is logged, and the other runs continue."""
+    # A log that cannot be written is silent. On a full disk, what the run says matters.
+    logging.raiseExceptions = False
     try:
         task(config)
     except (HlpError, OSError) as error:
@@ -100,31 +90,14 @@ def _remove_unused(folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-class LogFile(logging.FileHandler):
-    """The log file in a run's output folder, which is silent about a full disk.
-
-    Python's own prints a traceback for every message that it cannot write. What matters is what the
-    run says, when it cannot write its results either.
-    """
-
-    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Called by `emit` while it handles an error."""
-        error = sys.exc_info()[1]
-        if error is None or not is_expected(error):
-            super().handleError(record)
-
-
-_CHOICE = re.compile(r"[\w/]+=[\w.-]+")
-_NAMED = re.compile(r"'([^']+)'")
-_LAUNCHERS = "hydra/launcher/"
-# Launchers that come with a plugin of Hydra's, and the extra that installs it.
-_EXTRAS = {"joblib": "joblib", "submitit_slurm": "slurm", "submitit_local": "slurm"}
+# Plugins of Hydra's with launchers, and the extra that installs each.
+_EXTRAS = {"joblib": "joblib", "submitit": "slurm"}
 
 
 def hydra_in_words(error: BaseException) -> str:
-    """An error of Hydra's in one line; other ones as they are."""
+    """An error of Hydra's in one line, with what may have been meant; other ones as they are."""
     text = str(error) or type(error).__name__
-    first, *more = text.splitlines()
+    first = text.partition("\n")[0]
     if isinstance(error, MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
         place = f"{mark.name}, line {mark.line + 1}" if mark is not None else "a configuration"
@@ -138,45 +111,22 @@ def hydra_in_words(error: BaseException) -> str:
             f"cannot read '{override}' ({first}): settings are given as KEY=VALUE; a value with "
             "signs such as []{}(), or spaces is quoted twice: KEY='\"VALUE\"'"
         )
-    if first.startswith("Ambiguous"):  # a list, a text or a sweep: Hydra says what to type
-        return " ".join([first, *more])
-    options = [line.strip() for line in more if line.startswith("\t") and "=" not in line]
-    return _with_hint(first.removeprefix("In 'config': ").rstrip("."), options)
-
-
-def _with_hint(said: str, options: list[str]) -> str:
-    """The message, and what may have been meant by the name that it ends with."""
-    names = _NAMED.findall(said)
-    launchers = [name.removeprefix(_LAUNCHERS) for name in names if name.startswith(_LAUNCHERS)]
-    if launchers and launchers[-1] in _EXTRAS:
-        extra = _EXTRAS[launchers[-1]]
-        return (
-            f"hydra/launcher={launchers[0]} needs the extra '{extra}': pip install 'hlp[{extra}]'"
-        )
-    if options:
-        hint = nearest(names[-1].rpartition("/")[2], options) or "."
-        return f"{said}{hint} There are {', '.join(options)}"
-    if "override" not in said:
-        return said
-    key, known = names[-1], _all_keys()
+    words = " ".join(text.partition("Config search path")[0].split())
+    for plugin, extra in _EXTRAS.items():
+        if f"'hydra/launcher/{plugin}" in words:
+            return f"this launcher needs the extra '{extra}': pip install 'hlp[{extra}]'"
+    if not first.startswith("Could not override"):
+        return words.removeprefix("In 'config': ")
+    said, key, known = first.rstrip("."), first.split("'")[1], _all_keys()
     if key in known:
         return f"{said}: the chosen {key.partition('.')[0]} has no such key"
-    hint = nearest(key, _keys_of_choices()) or nearest(key, known) or ":"
-    return f"{said}{hint} `hlp run --cfg job` prints all keys"
+    return f"{said}{nearest(key, known) or ':'} `hlp run --cfg job` prints all keys"
 
 
-def _keys_of_choices() -> list[str]:
-    """All keys of the alternatives that the command line chooses, such as task=search."""
-    try:
-        return _all_keys(*filter(_CHOICE.fullmatch, sys.argv[1:]))
-    except HydraException:  # one of them is wrong, too
-        return []
-
-
-def _all_keys(*overrides: str) -> list[str]:
-    """All keys of a configuration (with no overrides: the default one), and its groups."""
+def _all_keys() -> list[str]:
+    """All keys of the default configuration, and its groups."""
     GlobalHydra.instance().clear()
-    plain = OmegaConf.to_container(compose_config(*overrides), resolve=False)
+    plain = OmegaConf.to_container(compose_config(), resolve=False)
     return list(_names(plain)) if isinstance(plain, dict) else []
 
 

@@ -4,19 +4,15 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
-
 from hlp.arrays import Mask
-from hlp.checks import Finding, frame_checks
-from hlp.checks.corrections import check_by_search, find_answers
-from hlp.checks.frame_checks import check_frames
-from hlp.checks.known_objects import Evidence
+from hlp.checks import Finding
+from hlp.checks.frame_checks import check_frames, check_object_size, read_frames
+from hlp.checks.known_objects import ABSENT, check_with_objects
 from hlp.checks.true_poses import check_true_colors, check_true_poses
 from hlp.commands import arguments as own
 from hlp.data.bop import BopFrames, BopSettings
@@ -27,7 +23,6 @@ from hlp.errors import HlpError
 from hlp.files import expanded
 from hlp.method.detector import Detector
 from hlp.records import Frame
-from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.figures.panels import draw_detections, write_picture
 from hlp.runs.learnt_cache import cache_folder, find_learnt
 
@@ -51,94 +46,37 @@ def check_libraries(requirements: Sequence[str] | None = None) -> list[Finding]:
     return found
 
 
-def check_threads(
-    environment: Mapping[str, str] = os.environ, cores: int | None = None
-) -> list[Finding]:
+def check_threads() -> list[Finding]:
     """Variables that make libraries spin, or use more threads than there are cores."""
-    usable = (os.cpu_count() or 1) if cores is None else cores
     found = []
-    if environment.get("OMP_WAIT_POLICY", "PASSIVE").upper() == "ACTIVE":
+    if os.environ.get("OMP_WAIT_POLICY", "PASSIVE").upper() == "ACTIVE":
         problem = "idle threads keep their cores busy, which can cost a factor of twenty"
         found.append(Finding("threads", "OMP_WAIT_POLICY=ACTIVE", problem, "Set it to PASSIVE"))
+    usable = os.cpu_count() or 1
     for key in _THREAD_KEYS:
-        text = environment.get(key, "")
+        text = os.environ.get(key, "")
         if text.isdecimal() and int(text) > usable:
             problem, advice = f"this machine has {usable} cores", f"Set it to {usable} or less"
             found.append(Finding("threads", f"{key}={text}", problem, advice))
     return found
 
 
-def check_disk(folder: Path, free: float | None = None) -> list[Finding]:
+def check_disk(folder: Path) -> list[Finding]:
     """Too little room where what is learnt is kept."""
     place = next(path for path in (folder, *folder.parents) if path.exists())
-    left = float(shutil.disk_usage(place).free) if free is None else free
+    left = shutil.disk_usage(place).free
     if left >= _LEAST_DISK:
         return []
-    needed = f"learning an object takes up to {_LEAST_DISK / 1e9:g}"
+    problem = f"{left / 1e9:.1f} GB are free; learning an object takes up to {_LEAST_DISK / 1e9:g}"
     advice = "Free some, or choose another folder with work=FOLDER"
-    return [Finding("disk", str(folder), f"{left / 1e9:.1f} GB are free; {needed}", advice)]
+    return [Finding("disk", str(folder), problem, advice)]
 
 
-def describe_machine() -> list[str]:
-    """What is there, in lines for people."""
-    optional = [name for name in ("OpenEXR", "pyrealsense2", "OpenGL") if find_spec(name)]
-    return [
-        f"{os.cpu_count()} cores, numba {version('numba')}, onnxruntime {version('onnxruntime')}, "
-        f"opencv {version('opencv-python-headless')}",
-        f"optional: {', '.join(optional) or 'nothing'}",
-    ]
-
-
-_SHOWN = 3  # findings of one kind
-_ADVICE = {"files": "Copy or download it again", "values": "Mend it, or leave this frame out"}
 _KEPT = 6  # frames whose content is looked at
-_ABSENT = "objects"  # the kind of a finding that an object is found nowhere
-_SOUGHT = 3  # objects that are looked for with other units, places of depth and focal lengths
 _LAYOUT = (
     "The folder must be in BOP's layout: models/obj_000001.ply …, and for each scene "
     "test/000001/rgb/, depth/, scene_camera.json and scene_gt.json"
 )
-
-
-def read_frames(
-    load: Callable[[str], Frame],
-    keys: Sequence[str],
-    kept: int,
-    read: Callable[[str], Frame] | None = None,
-) -> tuple[list[Frame], list[Finding]]:
-    """Some of the frames, spread over all of them, and what is wrong with any of them.
-
-    Every frame is decoded; at most about `kept` are returned. `read` decodes without asking whether
-    the values make sense: a frame that only `load` refuses is returned too, with a finding of kind
-    "values". Of many findings of a kind, the first ones are returned, and how many more there are.
-    """
-    every = max(len(keys) // max(kept, 1), 1)
-    frames, wrong = [], dict[str, list[Finding]]()
-    for number, key in enumerate(keys):
-        frame, kind = None, "files"
-        try:
-            frame = load(key)
-        except HlpError as refusal:
-            error = refusal
-            if read is not None:
-                try:
-                    frame, kind = read(key), "values"
-                except HlpError as failure:
-                    error = failure
-            finding = Finding(kind, key, str(error), _ADVICE[kind])
-            wrong.setdefault(kind, []).append(finding)
-        if frame is not None and number % every == 0:
-            frames.append(frame)
-    return frames, [finding for findings in wrong.values() for finding in _first(findings)]
-
-
-def _first(findings: Sequence[Finding]) -> list[Finding]:
-    """The first findings of a kind; what is left out is counted in the last one."""
-    left = len(findings) - _SHOWN
-    if left <= 0:
-        return list(findings)
-    last = findings[_SHOWN - 1]
-    return [*findings[: _SHOWN - 1], replace(last, where=f"{last.where} (and {left} more frames)")]
 
 
 def examine_learnt(folder: Path) -> tuple[Detector | None, list[Finding]]:
@@ -146,7 +84,7 @@ def examine_learnt(folder: Path) -> tuple[Detector | None, list[Finding]]:
     try:
         detector = Detector.load(folder)
         detector.warm_up()
-        return detector, frame_checks.check_object_size(list(detector.models.values()))
+        return detector, check_object_size(list(detector.models.values()))
     except HlpError as error:
         return None, [Finding("learnt objects", str(folder), str(error), "Learn them again")]
 
@@ -191,37 +129,9 @@ def examine_own(
     if masks is not None:
         shapes = {frame.key: frame.depth.shape for frame in read}
         marked = {key: masks.load(frames.paths(key), shape) for key, shape in shapes.items()}
-    causes = _examine_by_objects(detector, read, marked, frames.depth_scale)
+    causes = check_with_objects(detector, read, marked, frames.depth_scale)
     # What is found out with objects says more than what frames alone do, and names it once.
-    return causes if causes and causes[0].kind != _ABSENT else findings or causes
-
-
-def _examine_by_objects(
-    detector: Detector, frames: Sequence[Frame], masks: Mapping[str, Mask], unit: float
-) -> list[Finding]:
-    """Faults that keep objects from being found, or with which they fit worse in most frames."""
-    evidence, scores, best = Evidence(detector), dict.fromkeys(detector.objects, 0.0), []
-    for frame in frames:
-        answers = find_answers(detector, detector.objects, masks, frame)
-        evidence.add(frame, answers)
-        for answer in answers:
-            scores[answer.object] = max(scores[answer.object], answer.score)
-        best.append(max((answer.score for answer in answers), default=0.0))
-    sought = sorted(scores, key=lambda name: -scores[name])[:_SOUGHT]
-
-    def find_best(frame: Frame) -> float:
-        answers = find_answers(detector, sought, masks, frame)
-        return max((answer.score for answer in answers), default=0.0)
-
-    order = np.argsort(best)[::-1]
-    likely = [frames[place] for place in order]
-    findings = check_by_search(likely, best[order[0]], find_best, unit) or evidence.findings()
-    absent = [name for name in scores if scores[name] < MIN_SCORE]
-    if findings or not absent:
-        return findings
-    advice = "It is not in view or too small, or depth is not registered to colour"
-    problem = f"found in none of {len(frames)} frames"
-    return [Finding(_ABSENT, ", ".join(absent), problem, advice)]
+    return causes if causes and causes[0].kind != ABSENT else findings or causes
 
 
 def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
@@ -229,14 +139,6 @@ def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
     known = [target for target in frame.targets if target.object_id in models]
     poses = [(models[target.object_id], target.pose_cam_obj) for target in known]
     write_picture(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
-
-
-def describe(findings: list[Finding]) -> Iterator[str]:
-    """Findings as lines for people."""
-    for number, finding in enumerate(findings, 1):
-        yield f"{number}. {finding}"
-    if not findings:
-        yield "nothing wrong was found"
 
 
 _FRAMES = {"rgb", "depth", "intrinsics"}
@@ -249,7 +151,12 @@ def doctor(arguments: Sequence[str]) -> None:
     own.check_known(given, known, "doctor")
     cache = cache_folder(given.get("work"))
     findings = [*check_libraries(), *check_threads(), *check_disk(cache)]
-    print("machine   " + "\n          ".join(describe_machine()))
+    optional = [name for name in ("OpenEXR", "pyrealsense2", "OpenGL") if find_spec(name)]
+    print(
+        f"machine   {os.cpu_count()} cores, numba {version('numba')}, onnxruntime "
+        f"{version('onnxruntime')}, opencv {version('opencv-python-headless')}\n"
+        f"          optional: {', '.join(optional) or 'nothing'}"
+    )
     detector = None
     if "learnt" in given:
         folder = find_learnt(given["learnt"], cache)
@@ -266,6 +173,8 @@ def doctor(arguments: Sequence[str]) -> None:
         frames = OwnFrames(own.read_group(FrameFiles, given))
         print(f"frames    {given.get('rgb')}")
         findings += examine_own(frames, detector, own.search_masks(given))
-    print("\n".join(describe(findings)))
+    for number, finding in enumerate(findings, 1):
+        print(f"{number}. {finding}")
     if findings:
         sys.exit(1)
+    print("nothing wrong was found")

@@ -5,7 +5,6 @@ import os
 import select
 import signal
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -29,12 +28,8 @@ def stops_in_one_line(continues: bool = True) -> Iterator[None]:
     The process prints one line and exits with 130 (SIGINT) or 143 (SIGTERM); the line says so if
     the same command `continues` from there. A second SIGTERM changes nothing; SIGKILL always works,
     and what it leaves behind is put in order by the next run. The process exits with 141 and
-    silently where nobody reads standard output any more, as in `hlp runs | head`. Without
-    effect outside the main thread.
+    silently where nobody reads standard output any more, as in `hlp runs | head`.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     before = signal.signal(signal.SIGTERM, _terminate)
     try:
         yield

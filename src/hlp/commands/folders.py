@@ -35,7 +35,9 @@ def find_removable(work: Path, results: Iterable[Path]) -> list[Removable]:
     if not work.is_dir():
         raise MissingFileError(f"there is no folder {work}: name the one of the runs, work=DIR")
     manifests = [path for folder in results for path in found_below(folder, MANIFEST)]
-    named = {(stage, name) for path in manifests for stage, _, name in named_outputs(path)}
+    named = {
+        (event.stage, event.fingerprint) for path in manifests for event in named_outputs(path)
+    }
     found = []
     for folder in sorted(work.glob("*/*")):
         kind = _kind(folder, named)
@@ -92,7 +94,7 @@ def download(arguments: Sequence[str]) -> None:
     print(f"Next: {public.next_step.format(folder=folder)}")
 
 
-def filled(text: str, arguments: Sequence[str]) -> str:
+def filled(text: str) -> str:
     """The help with the data sets that there are."""
     return text.format(
         sets="\n".join(_listed()),

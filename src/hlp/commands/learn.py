@@ -3,8 +3,7 @@
 import logging
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.data.dataset import TrainingImages
 from hlp.data.file_frames import FolderSettings
-from hlp.errors import DataError, InputError, MissingFileError
+from hlp.errors import InputError, MissingFileError
 from hlp.method.learn import learning
 from hlp.method.learn.learnt_folder import (
     CLASSIFIER,
@@ -33,7 +32,6 @@ from hlp.method.settings import MethodSettings
 from hlp.records import ObjectModel
 from hlp.refinement.score_model import PRIOR, save_score_model
 from hlp.runs.learnt_cache import cache_folder, describe_learnt
-from hlp.stages.manifest import made_outputs
 from hlp.stages.store import RECORD as STAGE
 from hlp.stages.store import StageStore
 
@@ -43,28 +41,18 @@ if TYPE_CHECKING:
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class LearningRequest:
-    """Meshes by name, what is known of them, backgrounds, and settings of the method.
+    """Objects, numbered from 1, what stands around them while they are learnt, and the method."""
 
-    `own_choices` are those of single meshes by name, in place of `choices`.
-    """
+    models: Mapping[int, ObjectModel]
+    images: TrainingImages
+    settings: MethodSettings
 
-    meshes: Mapping[str, Path]
-    choices: MeshChoices = field(default_factory=MeshChoices)
-    own_choices: Mapping[str, MeshChoices] = field(default_factory=dict)
-    backgrounds: FolderSettings = field(default_factory=lambda: FolderSettings(name="files"))
-    settings: MethodSettings = field(default_factory=MethodSettings)
-
-    @cached_property
-    def models(self) -> dict[int, ObjectModel]:
-        """The objects, read from their meshes and numbered from 1."""
-        return build_models(self.meshes, self.choices, 1, self.own_choices)
-
-    @cached_property
-    def images(self) -> TrainingImages:
-        """What stands behind and before the objects while they are learnt."""
-        return self.backgrounds.training_images()
+    @property
+    def names(self) -> str:
+        """All of the objects, joined."""
+        return "+".join(model.name for model in self.models.values())
 
 
 def learn_into(folder: Path, request: LearningRequest) -> Path:
@@ -79,7 +67,7 @@ def learn_once(cache: Path, request: LearningRequest) -> Path:
     """The folder in the cache for exactly this request; learns the objects if there is none."""
     made_from = learning.learning_request(request.models, request.settings, request.images)
     identity = made_from["made_from"]
-    folder = cache / f"{'+'.join(request.meshes)}-{identity[:8]}"
+    folder = cache / f"{request.names}-{identity[:8]}"
     if (folder / RECORD).is_file():
         read_record(folder)
         _logger.info("already learnt: %s", folder)
@@ -117,18 +105,7 @@ def learnt_of_run(run: "Run", manifest: Path, folder: Path) -> None:
 
 def _copy_output(manifest: Path, store: StageStore, of: tuple[str, str], target: Path) -> None:
     """Copy the output of a stage (of an object), as a manifest names it."""
-    stage, name = of[0], made_outputs(manifest).get(of, "")
-    source = store.root / stage / name
-    if not name or not source.is_dir():
-        raise MissingFileError(
-            f"{store.root} has no {' of '.join(filter(None, of))} that {manifest} names: name the"
-            " folder of that run with work=FOLDER, or repeat it (hlp run manifest=…)"
-        )
-    try:
-        store.read_record(stage, name)  # which compares the checksums
-    except DataError as error:
-        error.add_note(f"repeat the run of {manifest}, which makes it again")
-        raise
+    source = store.named_by(manifest, *of).folder
     shutil.copytree(source, target, ignore=shutil.ignore_patterns(STAGE), dirs_exist_ok=True)
 
 
@@ -138,13 +115,11 @@ _PLACES = ("mesh", "names", "output", "name", "work")
 def learn(arguments: Sequence[str]) -> None:
     """Learn the objects and say where they are."""
     given = own.split_arguments(arguments)
-    own.check_mistyped(given, _PLACES, ["mesh"], "learn")
-    if "mesh" not in given:
-        raise InputError("mesh is not set: give mesh=FILE, see `hlp learn --help`")
+    own.need(given, ["mesh"], _PLACES, "learn")
     if "output" in given and "name" in given:
         raise InputError("output and name: give one of them")
     request = learning_request(given, own.text_list(given["mesh"]), _PLACES)
-    name = given.get("name", "+".join(request.meshes))
+    name = given.get("name", request.names)
     if "output" not in given and Path(name).name != name:
         raise InputError(f"name={name} is a path: give output={name}")
     folder = own.path_of(given, "output", cache_folder(given.get("work")) / name)
@@ -166,25 +141,22 @@ def learning_request(
             raise MissingFileError(f"there is no mesh {path} (give a PLY, OBJ, STL or GLB file)")
     names = _object_names(given, paths)
     keys = own.field_names(MeshChoices, FolderSettings) - {"name", "proxy_faces"}
-    of_one = own.of_single(given, own.field_names(MeshChoices), names)
-    known = {*keys, *taken, *(f"{key}.{name}" for name in of_one for key in of_one[name])}
+    of_single = {f"{key}.{name}" for key in own.field_names(MeshChoices) for name in names}
+    known = {*keys, *taken, *of_single}
     rest = [f"{key}={value}" for key, value in given.items() if key not in known]
     if unused := [word for word in rest if word.startswith("hydra.")]:
         raise InputError(f"{unused[0]}: nothing is run by Hydra here, give output=FOLDER")
     # The built-in demo, the default, limits poses and learns from fewer images.
     general = ("output=none", "~experiment", "name=learn", "data=bop", "data.root=.")
-    return LearningRequest(
-        meshes=dict(zip(names, paths, strict=True)),
-        choices=own.read_group(MeshChoices, given),
-        own_choices={
-            name: own.read_group(MeshChoices, {**given, **values})
-            for name, values in of_one.items()
-        },
-        backgrounds=own.read_group(
-            FolderSettings, {key: given[key] for key in keys & given.keys()}, name="files"
-        ),
-        settings=build_settings(compose_config(*general, *rest)).method,
-    )
+    settings = build_settings(compose_config(*general, *rest)).method
+    images = own.read_group(FolderSettings, given, name="files").training_images()
+    choices = own.read_group(MeshChoices, given)
+    each = {}
+    for name in names:
+        single = {key.removesuffix(f".{name}"): given[key] for key in given.keys() & of_single}
+        each[name] = own.read_group(MeshChoices, {**given, **single})
+    models = build_models(dict(zip(names, paths, strict=True)), choices, 1, each)
+    return LearningRequest(models, images, settings)
 
 
 def _object_names(given: Mapping[str, str], meshes: Sequence[Path]) -> list[str]:

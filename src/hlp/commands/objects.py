@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from hlp.commands import help_text
 from hlp.commands.arguments import nearest, tracking_uri
 from hlp.errors import InputError
 from hlp.files import MANIFEST, config_folder, expanded
@@ -40,19 +39,8 @@ def objects(arguments: Sequence[str]) -> None:
                 address = register_learnt(folder, model, uri)
             print(f"registered {address}; in Python: mlflow.pyfunc.load_model('{address}')")
         case _:
-            raise _no_use(words)
-
-
-def _no_use(words: Sequence[str]) -> InputError:
-    """The error for words that the command does not take, with the form of the first, if known."""
-    word = words[0] if words else ""
-    hint = nearest(word, _WORDS) if word not in _WORDS else ""
-    uses = (line[7:] for line in help_text("objects").split("\n") if f" objects {word} " in line)
-    use = next(uses, "hlp objects --help")
-    wanted = [part for part in use.split()[3:] if "=" not in part]
-    if word in _WORDS and (missing := wanted[len(words) - 1 :]):
-        return InputError(f"{' and '.join(missing)} is missing: `{use}`")
-    return InputError(f"cannot use '{' '.join(words)}'{hint or ':'} see `{use}`")
+            hint = nearest(words[0], _WORDS) if words and words[0] not in _WORDS else ":"
+            raise InputError(f"cannot use '{' '.join(words)}'{hint} see `hlp objects --help`")
 
 
 @contextmanager

@@ -1,57 +1,52 @@
-"""`hlp predict`: poses of learnt objects, or of one to be learnt, in a user's own frames."""
+"""`hlp predict` and `live`: poses of learnt objects in a user's own frames, or in a camera's."""
 
+import json
+import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from hlp.commands import arguments as own
+from hlp.data import cameras
 from hlp.data.frame_paths import with_frames
-from hlp.data.own_frames import FrameFiles, OwnFrames
+from hlp.data.own_frames import CameraSettings, FrameFiles, OwnFrames
 from hlp.errors import InputError
 from hlp.files import expanded
 from hlp.kernels import set_compute_threads
 from hlp.method.detector import Detector
+from hlp.runs import live as answering
 from hlp.runs import prediction
 from hlp.runs.learnt_cache import cache_folder, find_learnt
 from hlp.runs.prediction import PredictionOptions
 
 _NEEDED = ("rgb", "depth", "intrinsics")
 _OTHER = ("learnt", "model", "output", "work", "mask", "box", "threads")
-_OPTIONS = ("objects", "max_instances", "min_score", "track", "panels")
 
 
 def predict(arguments: Sequence[str]) -> None:
     """Find the objects in every frame, after learning one unless that was done before."""
     given = with_frames(own.split_arguments(arguments))
-    known = [*own.field_names(FrameFiles), *_OTHER, *_OPTIONS]
-    _check_keys(given, known)
+    known = [*own.field_names(FrameFiles, PredictionOptions), *_OTHER]
+    if "learnt" in given and "model" in given:
+        raise InputError("learnt and model: give one of them")
+    own.need(given, ["learnt", *_NEEDED] if "model" not in given else _NEEDED, known, "predict")
+    if "learnt" in given:  # with a model, further keys are those of learning
+        own.check_known(given, known, "predict")
     frames = OwnFrames(own.read_group(FrameFiles, given))
-    masks, options = own.search_masks(given), _options(given)
+    masks, objects = own.search_masks(given), own.names_of_objects(given)
+    options = own.read_group(PredictionOptions, given, objects=objects)
     default = Path("outputs", "predict", time.strftime("%Y-%m-%d_%H-%M-%S"))
     output = own.path_of(given, "output", default)
-    threads = own.whole_number(given, "threads")
     if (output / "learnt.json").exists():
         raise InputError(f"output={output} holds learnt objects: name another folder")
     folder = _learnt_folder(given, frames, known)
-    detector = Detector.load(folder, threads=threads)
-    set_compute_threads(detector.threads)
+    detector = _load(folder, given)
     prediction.predict(detector, frames, output, options, masks)
     print(f"\nPoses     {output} (poses.csv in BOP's format, poses.jsonl, poses.json)")
     if (output / "panels").is_dir():
         print(f"Pictures  {output / 'panels'}")
-
-
-def _check_keys(given: Mapping[str, str], known: Sequence[str]) -> None:
-    """Raise InputError for a key that is missing, mistyped or, with `learnt`, unknown."""
-    either = [] if "learnt" in given or "model" in given else ["learnt", "model"]
-    own.check_mistyped(given, known, [*either, *_NEEDED], "predict")
-    if ("learnt" in given) == ("model" in given):
-        raise InputError("give learnt=FOLDER or model=FILE, see `hlp predict --help`")
-    for key in _NEEDED:
-        if key not in given:
-            raise InputError(f"{key} is not set: give {key}=…, see `hlp predict --help`")
-    if "learnt" in given:
-        own.check_known(given, known, "predict")
 
 
 def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[str]) -> Path:
@@ -59,17 +54,68 @@ def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[
     cache = cache_folder(given.get("work"))
     if "learnt" in given:
         return find_learnt(given["learnt"], cache)
-    from hlp.commands.learn import (
-        learn_once,
-        learning_request,  # Hydra, torch: only to learn
-    )
+    from hlp.commands.learn import learn_once, learning_request  # Hydra, torch: only to learn
 
     request = learning_request(given, [str(expanded(given["model"]))], known)
     frames.load(frames.keys[0])  # what is wrong is said before minutes of learning
     return learn_once(cache, request)
 
 
-def _options(given: Mapping[str, str]) -> PredictionOptions:
-    options = {key: given[key] for key in _OPTIONS if key in given}
-    objects = own.names_of_objects(options)
-    return own.read_group(PredictionOptions, options, objects=objects)
+def _load(folder: Path, given: Mapping[str, str]) -> Detector:
+    detector = Detector.load(folder, threads=own.whole_number(given, "threads"))
+    set_compute_threads(detector.threads)
+    return detector
+
+
+_COMMON = ("source", "learnt", "overlay", "page", "threads", "work")
+_SOURCES: dict[str, tuple[type, Callable[[Any], cameras.Camera]]] = {
+    "folder": (cameras.FolderSettings, cameras.FolderCamera),
+    "stdin": (CameraSettings, lambda settings: cameras.LinesCamera(_lines(), settings)),
+    "realsense": (cameras.RealSenseSettings, cameras.RealSenseCamera),
+}
+"""The settings that a source takes as keys, and what makes a camera of them."""
+
+
+def _lines() -> Iterable[str]:  # bytes of names that are not in UTF-8 stay as they are
+    return open(0, encoding="utf-8", errors="surrogateescape", closefd=False)
+
+
+def live(arguments: Sequence[str]) -> None:
+    """Track objects in the images of a camera, and detect them where nothing is tracked."""
+    given = own.split_arguments(arguments)
+    own.need(given, ("source", "learnt"), _COMMON, "live")
+    source = given["source"]
+    if source not in _SOURCES and ".py:" not in source:
+        raise InputError(
+            f"source={source}: it must be {', '.join(_SOURCES)} or FILE.py:CLASS, "
+            "see `hlp live --help`"
+        )
+    kinds = [_SOURCES[source][0]] if source in _SOURCES else []
+    known = own.field_names(answering.LiveOptions, *kinds)
+    own.check_known(given, sorted({*_COMMON, *known}), "live")
+    objects = own.names_of_objects(given)
+    options = own.read_group(answering.LiveOptions, given, objects=objects)
+    detector = _load(find_learnt(given["learnt"], cache_folder(given.get("work"))), given)
+    page = own.whole_number(given, "page", most=65535)
+    overlay = own.path_of(given, "overlay", "") if "overlay" in given else None
+    with ExitStack() as stack:
+        camera = _camera(given)
+        stack.callback(camera.close)
+        pictures = None
+        if overlay is not None or page is not None:
+            pictures = answering.LivePictures(detector.models, overlay, page)
+            stack.callback(pictures.close)
+            if pictures.address is not None:
+                print(f"Page  {pictures.address}", file=sys.stderr)
+        answering.live(detector, camera, options, _print_line, pictures)
+
+
+def _camera(given: Mapping[str, str]) -> cameras.Camera:
+    if given["source"] not in _SOURCES:
+        return cameras.load_camera(given["source"])
+    settings, make = _SOURCES[given["source"]]
+    return make(own.read_group(settings, given))
+
+
+def _print_line(line: answering.Line) -> None:
+    print(json.dumps(line), flush=True)

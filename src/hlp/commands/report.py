@@ -4,10 +4,10 @@ import os
 import sys
 import time
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hlp.commands.arguments import is_true, known_arguments, tracking_uri
+from hlp.commands.arguments import is_true, known_arguments, tracking_uri, whole_number
 from hlp.errors import InputError
 from hlp.reporting.experiments import describe_reports
 from hlp.reporting.mlflow import is_local
@@ -20,13 +20,14 @@ from hlp.reporting.report import (
     report_selection,
     write_pages,
 )
+from hlp.reporting.table import LAYOUTS
 
 
 def report(arguments: Sequence[str]) -> None:
     """Print the report that the arguments ask for."""
     keys = ("experiment", "output", "format", "objects", "runs", "uri", "details")
     given = known_arguments(arguments, keys, "report")
-    layout, details = given.get("format", "text"), is_true(given, "details", False)
+    layout, details = _layout(given), is_true(given, "details", False)
     folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
     if "runs" in given:
         print(describe_named(given["runs"], given.get("uri") or tracking_uri(), layout))
@@ -44,21 +45,27 @@ def report(arguments: Sequence[str]) -> None:
 def runs(arguments: Sequence[str]) -> None:
     """Print the list of runs."""
     given = known_arguments(arguments, ("output", "format"), "runs")
-    print(describe_outputs(Path(given.get("output", "outputs")), given.get("format", "text")))
+    print(describe_outputs(Path(given.get("output", "outputs")), _layout(given)))
+
+
+def _layout(given: Mapping[str, str]) -> str:
+    layout = given.get("format", "text")
+    if layout not in LAYOUTS:
+        raise InputError(f"format={layout}: choose one of {', '.join(LAYOUTS)}")
+    return layout
 
 
 def ui(arguments: Sequence[str]) -> None:
     """Start MLflow's server and show its address until Ctrl-C; of a server show the page alone."""
     given = known_arguments(arguments, ("uri", "work", "experiment", "port", "open"), "ui")
-    opened, port = is_true(given, "open", True), given.get("port", str(PORT))
-    if not port.isdecimal():
-        raise InputError(f"port={port}: it is a number")
+    opened = is_true(given, "open", True)
+    port = whole_number(given, "port", most=65535) or PORT
     uri = given.get("uri") or tracking_uri(given.get("work", "work"))
     page = newest_page(uri, given.get("experiment"))
     if not is_local(uri):
         _show(uri.rstrip("/") + page, opened)
         return
-    with server(uri, int(port)) as address:
+    with server(uri, port) as address:
         _show(address + page, opened)
         print("Stop it with Ctrl-C.", flush=True)
         try:

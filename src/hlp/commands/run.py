@@ -7,7 +7,6 @@ import tempfile
 import textwrap
 from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 from hydra import initialize_config_dir
@@ -23,7 +22,6 @@ from hlp.files import expanded
 from hlp.studies import sweep
 
 _MANIFEST, _COMPARE, _SPACE = "manifest=", "compare=", "space="
-_CONFIG_DIR = ("-cd", "--config-dir")
 
 
 def run(arguments: Sequence[str], name: str = "run") -> None:
@@ -47,7 +45,7 @@ def bench(arguments: Sequence[str]) -> None:
     if not saved:
         run(["task=bench", *overrides], "bench")
         return
-    from hlp.reporting.bench_tables import compare_benches
+    from hlp.reporting.study_tables import compare_benches
 
     if overrides:
         raise InputError(f"compare={saved[-1]} measures nothing: leave {overrides[0]} out")
@@ -111,32 +109,21 @@ def _bench_files(value: str) -> tuple[Path, Path]:
     return files[0], files[1]
 
 
-def filled(text: str, arguments: Sequence[str]) -> str:
-    """The help with the alternatives of HLP's folder and of those that the arguments name."""
+def filled(text: str) -> str:
+    """The help with the groups, also those within others, and their alternatives."""
     provide_defaults()
-    folder = composing.config_folder().absolute()
-    with initialize_config_dir(str(folder), version_base="1.3"):
-        return text.format(groups="\n".join(_groups(_searched(arguments))))
+    with initialize_config_dir(str(composing.config_folder().absolute()), version_base="1.3"):
+        return text.format(groups="\n".join(_groups()))
 
 
-def _groups(searched: Sequence[str]) -> Iterator[str]:
-    """Lines that name each group, also those within others, and its alternatives."""
+def _groups() -> Iterator[str]:
     loader = GlobalHydra.instance().config_loader()
     groups = loader.list_groups("")
     while groups:
         group = groups.pop(0)
         groups[:0] = [f"{group}/{inner}" for inner in loader.list_groups(group)]
-        names = loader.get_group_options(group, overrides=[*searched])
+        names = loader.get_group_options(group)
         if names and not group.startswith("hydra"):
             yield textwrap.fill(
                 f"{group}: {', '.join(names)}", 80, subsequent_indent="    ", break_on_hyphens=False
             )
-
-
-def _searched(arguments: Sequence[str]) -> list[str]:
-    """`--config-dir` as an override, as Hydra itself takes it."""
-    words = [word for argument in arguments for word in argument.split("=", 1)]
-    named = [after for word, after in pairwise(words) if word in _CONFIG_DIR]
-    folders = ",".join(f"'file://{expanded(name).absolute()}'" for name in named)
-    given = [word for word in arguments if word.startswith("hydra.searchpath=")]
-    return [f"hydra.searchpath=[{folders}]"] if folders else given

@@ -12,6 +12,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
+from hlp.arrays import spread
 from hlp.config.composition import Chosen
 from hlp.config.settings import RunSettings
 from hlp.data.dataset import Dataset, find_bad_frames
@@ -44,6 +45,12 @@ class Run:
         for key, reason in self.bad_frames.items():
             raise DataError(f"frame {key}: {reason}")
 
+    def require_some(self, failed: Mapping[str, str]) -> None:
+        """Raise DataError if all frames have failed, for these reasons."""
+        if len(failed) == len(self.keys):
+            first = next(iter(failed.values()))
+            raise DataError(f"none of the {len(failed)} frames can be used; the first: {first}")
+
 
 def build_run(config: DictConfig, chosen: Chosen | None = None) -> Run:
     """Check the configuration and build what it names.
@@ -62,16 +69,12 @@ def build_run(config: DictConfig, chosen: Chosen | None = None) -> Run:
     keys = dataset.frames.keys
     if not keys:
         raise ConfigError("data holds no frame with a target")
-    keys = sampled_keys(keys, settings.frames)
-    plain = OmegaConf.to_container(config, resolve=True)
-    assert isinstance(plain, dict)
+    keys = spread(keys, settings.frames)
     bad = find_bad_frames(dataset, keys)
-    values = {str(key): value for key, value in plain.items()}
-    run = Run(settings, dataset, keys, values, bad, chosen or Chosen())
+    run = Run(settings, dataset, keys, _values(config), bad, chosen or Chosen())
     if settings.on_bad_frame == "fail":
         run.require_sound_frames()
-    if len(bad) == len(keys):
-        raise DataError(f"none of the {len(keys)} frames can be used; the first: {bad[keys[0]]}")
+    run.require_some(bad)
     return run
 
 
@@ -108,20 +111,13 @@ def build_settings(config: DictConfig) -> RunSettings:
         OmegaConf.to_container(config, throw_on_missing=True)
     except MissingMandatoryValue as error:
         raise ConfigError(f"{error.full_key} is not set: set {error.full_key}=VALUE") from error
+    return read_settings(RunSettings, _values(config))
+
+
+def _values(config: DictConfig) -> dict[str, Any]:
     values = OmegaConf.to_container(config, resolve=True)
     assert isinstance(values, dict)
-    return read_settings(RunSettings, {str(key): value for key, value in values.items()})
-
-
-def sampled_keys(keys: tuple[str, ...], count: int | None) -> tuple[str, ...]:
-    """`count` of the keys, spread evenly; None: all. Raises ConfigError below 1."""
-    if count is None:
-        return keys
-    if count < 1:
-        raise ConfigError(f"frames is {count}: set a number of frames from 1, or null for all")
-    if count >= len(keys):
-        return keys
-    return tuple(keys[i * len(keys) // count] for i in range(count))
+    return {str(key): value for key, value in values.items()}
 
 
 def check_symmetric(settings: EvaluationSettings, objects: Sequence[str]) -> None:

@@ -14,6 +14,7 @@ An alternative that is nothing but these defaults has no file: it is a row of
 `conf/alternatives.yaml`. The group `ladder` is rows of one file too.
 """
 
+import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,7 +33,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from hlp.errors import ConfigError
 from hlp.files import config_folder
-from hlp.settings import Registry, defaults_of
+from hlp.settings import Registry, Settings
 
 _SCHEME = "hlp-defaults"
 LADDER = "ladder"
@@ -148,6 +149,22 @@ def _values(config_path: str) -> dict[str, Any] | None:
     if kind is None or name != file:
         return None
     return defaults_of(kind, None if file == "base" else name)
+
+
+def defaults_of(kind: type, name: str | None = None) -> dict[str, Any]:
+    """Default values of a settings class as plain values; `???` (Hydra's mark) where it has none.
+
+    `name` replaces the default name, for a class with several names.
+    """
+    plain: dict[str, Any] = {}
+    for one in dataclasses.fields(kind):
+        value = one.default
+        if one.default_factory is not dataclasses.MISSING:
+            value = one.default_factory()
+        if value is dataclasses.MISSING:
+            value = "???"
+        plain[one.name] = dataclasses.asdict(value) if isinstance(value, Settings) else value
+    return plain if name is None else {**plain, "name": name}
 
 
 # Of the run itself rather than of what it does: keys, and groups with all that is in them.

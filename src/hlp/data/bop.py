@@ -4,7 +4,6 @@ Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP to
 The files are in millimetres.
 """
 
-import logging
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,14 +22,15 @@ from hlp.data.bop_models import (
     load_object_models,
     name_objects,
 )
-from hlp.data.bop_scenes import COLOR, DEPTH, Scene, list_scenes
-from hlp.data.bop_targets import (
+from hlp.data.bop_scenes import (
+    CAMERA,
+    COLOR,
+    DEPTH,
     FrameId,
-    annotated_targets,
-    is_broken,
+    Scene,
+    list_scenes,
     list_targets,
     most_visible,
-    stated_instances,
 )
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
 from hlp.data.file_frames import (
@@ -40,7 +40,7 @@ from hlp.data.file_frames import (
     StatedFrame,
     existing_folder,
 )
-from hlp.data.images import require_same_size
+from hlp.data.images import read_rgb, require_same_size
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ObjectSettings
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
@@ -73,13 +73,6 @@ class BopSettings(FolderSettings):
         Interval(ge=0, le=1),
         Doc("instances whose stated visible fraction is less are no targets (BOP's lists: 0.1)"),
     ] = 0.0
-    search: Annotated[
-        Literal["targets", "all"],
-        Doc(
-            "targets: in each frame, what its targets name (BOP's task); all: every object of the "
-            "data set, the number of instances not being known, to count false alarms"
-        ),
-    ] = "targets"
     empty: Annotated[
         str | None,
         Doc(
@@ -105,16 +98,11 @@ class BopSettings(FolderSettings):
         frames = BopFrames(root, split, listed, given, self.min_visible, self.max_megapixels)
         ids = tuple(sorted({i for counts in frames.targets.values() for i in counts}))
         models = given or self._models(root, name_objects(root, ids))
-        if self.photographs is None and self.rooms is None:
-            logging.getLogger(__name__).info(
-                "Backgrounds in training are procedural: data.photographs and data.rooms name none"
-            )
         return Dataset(
             models,
             ids,
             frames,
             **vars(images),
-            search_all=self.search == "all",
             settings=self,
             evaluation_mesh_files=evaluation_meshes(root, models),
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),
@@ -159,7 +147,7 @@ class BopFrames(FileFrames):
         for frame, counts in sorted(listed.items()):
             kept = {i: count for i, count in counts.items() if ids is None or i in ids}
             scene = self._scenes.get(frame[0])
-            if kept or (scene is not None and is_broken(scene, frame[1])):
+            if kept or (scene is not None and scene.is_broken(frame[1])):
                 chosen[frame] = kept
         if not chosen:
             named = "any object" if ids is None else f"objects {sorted(ids)}"
@@ -178,12 +166,12 @@ class BopFrames(FileFrames):
         """See `CheckedFrames`."""
         frame = parse_frame_key(key)
         scene = self._scenes.get(frame[0])
-        there = [] if scene is None else stated_instances(scene, frame[1])
+        there = [] if scene is None else scene.stated_instances(frame[1])
         stated: list[StatedTarget] = []
         for object_id, count in self._entries[key].items():
             fractions = sorted((f for i, f in there if i == object_id), key=lambda f: -f)
             fractions += [float("nan")] * (count - len(fractions))
-            stated += [StatedTarget(object_id, fraction) for fraction in fractions[:count]]
+            stated += [(object_id, fraction) for fraction in fractions[:count]]
         return tuple(stated)
 
     def identity(self) -> str:
@@ -192,7 +180,7 @@ class BopFrames(FileFrames):
         for scene_id, frame in self.targets:
             frames.setdefault(scene_id, []).append(frame)
         scenes = [(self._scenes.get(scene_id), ids) for scene_id, ids in frames.items()]
-        texts = [path for scene, ids in scenes if scene for path in scene.text_files(ids)]
+        texts = [path for scene, _ in scenes if scene for path in scene.text_files]
         images = [
             scene.image(kinds, frame)
             for scene, ids in scenes
@@ -207,44 +195,40 @@ class BopFrames(FileFrames):
 
         Raises DataError naming a mask that is broken or not of the frame's size.
         """
-        scene, where = self._scene(frame.key)
-        annotated = annotated_targets(scene, frame.frame_id, where)
+        scene = self._scene(frame.scene_id)
         number = next(
             number
-            for number, other in enumerate(annotated)
+            for number, other in enumerate(scene.targets(frame.frame_id))
             if other.object_id == target.object_id
             and np.array_equal(other.pose_cam_obj, target.pose_cam_obj)
         )
-        found = scene.visible_mask(frame.frame_id, number)
-        if found is None:
+        path = scene.visible_mask(frame.frame_id, number)
+        if not path.is_file():
             return None
-        path, mask = found
+        mask = read_rgb(path)[..., 0] > 0
         require_same_size(path, mask.shape[::-1], frame.depth.shape[::-1])
-        return mask
+        return np.asarray(mask)
 
     @cached_property
     def _scenes(self) -> dict[int, Scene]:
         return list_scenes(self._root)
 
-    def _scene(self, key: str) -> tuple[Scene, str]:
-        """The scene of a frame, and how messages call the frame."""
-        scene_id, frame_id = parse_frame_key(key)
+    def _scene(self, scene_id: int) -> Scene:
         if scene_id not in self._scenes:
             raise MissingFileError(f"no scene {scene_id} in {self._root}")
-        return self._scenes[scene_id], f"{self._root}, scene {scene_id}, frame {frame_id}"
+        return self._scenes[scene_id]
 
     def _stated(self, key: str) -> StatedFrame:
-        frame = parse_frame_key(key)
-        scene, where = self._scene(key)
-        camera = scene.camera(frame[1])
-        annotated = annotated_targets(scene, frame[1], where)
-        found = most_visible(annotated, self._entries[key], where)
+        scene_id, frame_id = parse_frame_key(key)
+        scene = self._scene(scene_id)
+        camera, where = scene.camera(frame_id), scene.where(frame_id)
+        found = most_visible(scene.targets(frame_id), self._entries[key], where)
         return StatedFrame(
-            scene.image(COLOR, frame[1]),
-            scene.image(DEPTH, frame[1]),
+            scene.image(COLOR, frame_id),
+            scene.image(DEPTH, frame_id),
             camera.depth_scale,
             np.array(camera.cam_K, dtype=np.float64).reshape(3, 3),
-            f"{where}: cam_K",
+            f"{scene.where(frame_id, CAMERA)}: cam_K",
             [(target, f"{where}, object {target.object_id}: cam_t_m2c") for target in found],
         )
 

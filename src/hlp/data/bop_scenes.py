@@ -1,152 +1,152 @@
-"""Scenes of a BOP data set on disk, in both of BOP's layouts, with the same access to both.
+"""Scenes of a BOP data set on disk: which instances are annotated, and which are to be found.
 
-scene-wise   SCENE/rgb/000012.png, SCENE/depth/000012.png, SCENE/scene_camera.json, scene_gt.json, …
-image-wise   000006_000012.rgb.png, .depth.png, .camera.json, .gt.json, …; the files of a frame lie
-             in the split itself or in a folder of their scene (then the scene's number may be left
-             out of the name)
+SCENE/rgb/000012.png (or gray), depth/000012.png, mask_visib/000012_000000.png, and the text files
+scene_camera.json, scene_gt.json and scene_gt_info.json, which have an entry for each frame.
 
-Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md and bop_imagewise of the toolkit.
+Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP toolkit.
 """
 
-from functools import cache, cached_property
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
 from hlp import schemas
-from hlp.data.images import find_image, read_rgb
-from hlp.errors import DataError, MissingFileError
-from hlp.files import read_json
+from hlp.arrays import Pose
+from hlp.data.images import find_image
+from hlp.errors import DataError, HlpError, MissingFileError
+from hlp.geometry import rigid
+from hlp.records import MILLIMETRE, Target
+from hlp.schemas import exact_rotation
 from hlp.settings import read_as, stored_as
 
-Mask = Bool[np.ndarray, "h w"]
 COLOR, DEPTH = ("rgb", "gray"), ("depth",)
-"""Names of kinds of images, the first that is there counts; and of text files:"""
-_CAMERA, _TRUTH, _INFO = "camera", "gt", "gt_info"
+"""Folders of images; the first that is there counts."""
+CAMERA, TRUTH, _INFO = "scene_camera.json", "scene_gt.json", "scene_gt_info.json"
+FrameId = tuple[int, int]
 
 
 class Scene:
-    """The files of one scene, read when they are asked for. With a `number` it is image-wise."""
+    """The files of one scene, read when they are asked for. Errors name the file and the frame."""
 
-    def __init__(self, folder: Path, number: int | None = None) -> None:
-        self._folder, self._number = folder, number
-        self._entries = cache(lambda path: read_as(path, schemas.Scene))
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._read = cache(lambda name: read_as(folder / name, schemas.Scene))
+
+    @property
+    def annotated(self) -> bool:
+        """Whether the scene states true poses."""
+        return (self._folder / TRUTH).is_file()
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
         """Numbers of the frames with a camera or with poses, in order."""
-        if self._number is not None:
-            return tuple(sorted(self._stems))
         numbers: set[int] = set()
-        for kind in (_CAMERA, _TRUTH) if self.annotated else (_CAMERA,):
-            path = self._file(kind, 0)
+        for name in (CAMERA, TRUTH) if self.annotated else (CAMERA,):
             try:
-                numbers |= {*schemas.whole_ids([*self._entries(path)])}
+                numbers |= {*schemas.whole_ids([*self._read(name)])}
             except ValueError as error:
-                raise DataError(f"{path}: {error}") from error
+                raise DataError(f"{self._folder / name}: {error}") from error
         return tuple(sorted(numbers))
 
     @property
-    def annotated(self) -> bool:
-        """Whether the scene, or its first frame, states true poses."""
-        frames = (0,) if self._number is None else self.frame_ids[:1]
-        return any(self._file(_TRUTH, frame).is_file() for frame in frames)
-
-    def camera(self, frame_id: int) -> schemas.CameraEntry:
-        """The frame's camera. Raises DataError if there is none, or a broken one."""
-        entry, path = self._entry(_CAMERA, frame_id)
-        if isinstance(entry, dict) and "cam_K" not in entry:
-            raise DataError(f"{path} has no cam_K for frame {frame_id}")
-        return stored_as(schemas.CameraEntry, entry, f"{path}, frame {frame_id}")
-
-    def truth(self, frame_id: int) -> list[schemas.TruthEntry]:
-        """The annotated instances. Raises MissingFileError if no truth is stated, DataError."""
-        entry, path = self._entry(_TRUTH, frame_id)
-        return stored_as(schemas.Truths, entry, f"{path}, frame {frame_id}")
-
-    def info(self, frame_id: int) -> list[schemas.InfoEntry]:
-        """Their visible fractions, in the order of `truth`; may be empty. Raises DataError."""
-        entry, path = self._entry(_INFO, frame_id)
-        return stored_as(schemas.Infos, entry, f"{path}, frame {frame_id}")
-
-    def unchecked(self, frame_id: int) -> tuple[Any, Any]:
-        """What stands at the place of `truth` and of `info`, whatever it is; empty if nothing.
-
-        None for a broken file of this frame alone, of which `truth` and `info` complain.
-        """
-        found: list[Any] = []
-        for kind in (_TRUTH, _INFO):
-            try:
-                found.append(self._entry(kind, frame_id)[0])
-            except (DataError, MissingFileError):
-                if self._number is None:
-                    raise
-                found.append(None)
-        return found[0], found[1]
+    def text_files(self) -> list[Path]:
+        """The files that state cameras and poses."""
+        paths = [self._folder / name for name in (CAMERA, TRUTH, _INFO)]
+        return [path for path in paths if path.is_file()]
 
     def image(self, kinds: tuple[str, ...], frame_id: int) -> Path:
         """The image of the first of these kinds that is there, or where it should be."""
-        if self._number is None:
-            there = [kind for kind in kinds if (self._folder / kind).is_dir()] or kinds
-            return find_image(self._folder / there[0], f"{frame_id:06d}")
-        stem = self._stem(frame_id)
-        paths = [find_image(self._folder, f"{stem}.{kind}") for kind in kinds]
-        return next((path for path in paths if path.is_file()), paths[0])
+        there = [kind for kind in kinds if (self._folder / kind).is_dir()] or kinds
+        return find_image(self._folder / there[0], f"{frame_id:06d}")
 
-    def visible_mask(self, frame_id: int, number: int) -> tuple[Path, Mask] | None:
-        """The mask of the pixels that show the annotated instance of this number, and its file."""
-        if self._number is None:
-            path = self._folder / "mask_visib" / f"{frame_id:06d}_{number:06d}.png"
-            return (path, read_rgb(path)[..., 0] > 0) if path.is_file() else None
-        path = self._file("mask_visib", frame_id)
-        if not path.is_file():
-            return None
-        masks, where = read_as(path, schemas.Scene), f"{path}, mask {number}"
-        if str(number) not in masks:
-            raise DataError(f"{path} has no mask {number} of run lengths")
-        lengths = stored_as(schemas.RunLengths, masks[str(number)], where)
-        return path, _from_run_lengths(lengths, where)
+    def visible_mask(self, frame_id: int, number: int) -> Path:
+        """The mask of the pixels that show the annotated instance of this number."""
+        return self._folder / "mask_visib" / f"{frame_id:06d}_{number:06d}.png"
 
-    def text_files(self, frame_ids: list[int]) -> list[Path]:
-        """The files that state cameras and poses of these frames."""
-        kinds = (_CAMERA, _TRUTH, _INFO)
-        paths = [self._file(kind, frame_id) for frame_id in frame_ids for kind in kinds]
-        return [path for path in dict.fromkeys(paths) if path.is_file()]
+    def where(self, frame_id: int, name: str = TRUTH) -> str:
+        """How messages call the entry of a frame in a text file."""
+        return f"{self._folder / name}, frame {frame_id}"
 
-    def _entry(self, kind: str, frame_id: int) -> tuple[Any, Path]:
-        """What a text file states of a frame, empty if nothing; and the file."""
-        path = self._file(kind, frame_id)
-        if kind != _CAMERA and not path.is_file():
-            if kind == _TRUTH:
-                raise _no_poses(path)
-            return [], path
-        if self._number is not None:
-            return read_json(path), path
-        nothing: Any = {} if kind == _CAMERA else []
-        return self._entries(path).get(str(frame_id), nothing), path
+    def camera(self, frame_id: int) -> schemas.CameraEntry:
+        """The frame's camera. Raises DataError if there is none, or a broken one."""
+        return stored_as(schemas.CameraEntry, *self._entry(CAMERA, frame_id))
 
-    def _file(self, kind: str, frame_id: int) -> Path:
-        if self._number is None:
-            return self._folder / f"scene_{kind}.json"
-        return self._folder / f"{self._stem(frame_id)}.{kind}.json"
+    def annotations(
+        self, frame_id: int
+    ) -> tuple[list[schemas.TruthEntry], list[schemas.InfoEntry]]:
+        """The annotated instances, and in their order what is stated of them beside poses, if any.
 
-    def _stem(self, frame_id: int) -> str:
-        return self._stems.get(frame_id, f"{self._number:06d}_{frame_id:06d}")
+        Raises MissingFileError if the scene states no poses.
+        """
+        entries = stored_as(schemas.Truths, *self._entry(TRUTH, frame_id))
+        return entries, stored_as(schemas.Infos, *self._entry(_INFO, frame_id))
 
-    @cached_property
-    def _stems(self) -> dict[int, str]:
-        """File names of an image-wise scene without their kinds and extensions, by frame."""
-        stems = {}
-        for ending in (f".{_TRUTH}.json", f".{_CAMERA}.json"):
-            for path in sorted(self._folder.glob(f"*{ending}")):
-                stem = path.name.removesuffix(ending)
-                scene, _, frame = stem.rpartition("_")
-                own = not scene or (scene.isdecimal() and int(scene) == self._number)
-                if frame.isdecimal() and own:
-                    stems[int(frame)] = stem
-        return stems
+    def is_broken(self, frame_id: int) -> bool:
+        """Whether the annotations of a frame cannot be read."""
+        try:
+            self.annotations(frame_id)
+        except HlpError:
+            return True
+        return False
+
+    def targets(self, frame_id: int) -> list[Target]:
+        """All annotated instances of a frame.
+
+        Raises DataError for a broken pose, and for visible fractions of other instances.
+        """
+        entries, infos = self.annotations(frame_id)
+        if entries and infos and len(entries) != len(infos):
+            raise DataError(
+                f"{self._folder / _INFO} has {len(infos)} instances in frame {frame_id}, but there "
+                f"are {len(entries)} poses: they must be the same ones in the same order"
+            )
+        stated = [info.visib_fract for info in infos] or [None] * len(entries)
+        visible = [float("nan") if fraction is None else fraction for fraction in stated]
+        return [
+            Target(entry.obj_id, _pose(entry, self.where(frame_id)), fraction)
+            for entry, fraction in zip(entries, visible, strict=False)
+        ]
+
+    def stated_instances(self, frame_id: int) -> list[tuple[int, float]]:
+        """Object and visible fraction (nan: not stated) of what is annotated in a frame.
+
+        Also of a frame whose annotations are broken, as far as they can be read.
+        """
+        parts = (self._entry(name, frame_id)[0] for name in (TRUTH, _INFO))
+        entries, infos = (part if isinstance(part, list) else [] for part in parts)
+        found = []
+        for entry, info in zip_longest(entries, infos[: len(entries)]):
+            object_id = entry.get("obj_id") if isinstance(entry, dict) else None
+            fraction = info.get("visib_fract") if isinstance(info, dict) else None
+            if not isinstance(fraction, int | float) or not 0 <= fraction <= 1:
+                fraction = float("nan")
+            if type(object_id) is int:
+                found.append((object_id, float(fraction)))
+        return found
+
+    def _entry(self, name: str, frame_id: int) -> tuple[Any, str]:
+        """What a text file states of a frame, empty if nothing; and where."""
+        where = self.where(frame_id, name)
+        if name == TRUTH and not self.annotated:
+            raise MissingFileError(
+                f"there is no file {self._folder / name} with true poses to score against (BOP "
+                "keeps some private): set data.split to a folder that has them"
+            )
+        if name == _INFO and not (self._folder / name).is_file():
+            return [], where
+        return self._read(name).get(str(frame_id), {} if name == CAMERA else []), where
+
+
+def _pose(entry: schemas.TruthEntry, where: str) -> Pose:
+    where = f"{where}, object {entry.obj_id}: cam_R_m2c"
+    rotation = np.array(entry.cam_R_m2c, dtype=np.float64).reshape(3, 3)
+    translation = np.array(entry.cam_t_m2c, dtype=np.float64) * MILLIMETRE
+    return np.asarray(rigid(exact_rotation(rotation, where), translation))
 
 
 def list_scenes(split: Path) -> dict[int, Scene]:
@@ -159,36 +159,73 @@ def list_scenes(split: Path) -> dict[int, Scene]:
     scenes: dict[int, Scene] = {}
     for folder in sorted(path for path in split.iterdir() if path.is_dir()):
         if folder.name.isdecimal():
-            single = next(folder.glob(f"*.{_CAMERA}.json"), None) is not None
-            number = int(folder.name)
-            if number in scenes:
-                raise DataError(f"{split} has two folders of scene {number}: leave one out")
-            scenes[number] = Scene(folder, number if single else None)
-    for path in split.glob(f"*_*.{_CAMERA}.json"):
-        name = path.name.partition("_")[0]
-        if name.isdecimal():
-            scenes.setdefault(int(name), Scene(split, int(name)))
+            if int(folder.name) in scenes:
+                raise DataError(
+                    f"{split} has two folders of scene {int(folder.name)}: leave one out"
+                )
+            scenes[int(folder.name)] = Scene(folder)
     if not scenes:
         raise MissingFileError(
-            f"no scene in {split}: neither a folder with a number and scene_camera.json nor "
-            f"files SCENE_FRAME.{_CAMERA}.json; check data.root and data.split"
+            f"no scene in {split}, no folder with a number and scene_camera.json: check data.root "
+            "and data.split"
         )
     return dict(sorted(scenes.items()))
 
 
-def _no_poses(path: Path) -> MissingFileError:
-    return MissingFileError(
-        f"there is no file {path} with true poses to score against (BOP keeps some private): set"
-        " data.split to a folder that has them"
-    )
+def list_targets(
+    scenes: Mapping[int, Scene], targets_file: Path | None, min_visible: float = 0.0
+) -> dict[FrameId, dict[int, int]]:
+    """(scene, frame) -> object id -> number of instances to find, in file order.
+
+    Without a targets file these are all annotated instances; so are those of a frame that the file
+    lists without an object, as BOP's lists for detection do. Instances that are less visible than
+    `min_visible` do not count, unless their visibility is not stated. Frames whose annotations are
+    broken are listed with what can be read of them. Raises FileNotFoundError, and ValueError if the
+    file is not a BOP targets file.
+    """
+    if targets_file is None:
+        frames = [(number, frame) for number, scene in scenes.items() for frame in scene.frame_ids]
+        return {frame: _visible(scenes, frame, min_visible) for frame in frames}
+    targets: dict[FrameId, dict[int, int]] = {}
+    for row in read_as(targets_file, schemas.Targets):
+        counts = targets.setdefault((row.scene_id, row.im_id), {})
+        if row.obj_id is not None:
+            if row.obj_id in counts:
+                raise DataError(
+                    f"{targets_file} lists object {row.obj_id} of scene {row.scene_id}, image "
+                    f"{row.im_id} twice: write one row with inst_count"
+                )
+            counts[row.obj_id] = row.inst_count
+    for frame, counts in targets.items():
+        if not counts or min_visible > 0:
+            there = _visible(scenes, frame, min_visible)
+            limit = counts or there
+            targets[frame] = {i: min(n, limit[i]) for i, n in there.items() if i in limit}
+    return targets
 
 
-def _from_run_lengths(mask: schemas.RunLengths, where: str) -> Mask:
-    """A mask from COCO's uncompressed run lengths: column by column, starting with False."""
-    height, width = mask.size
-    if sum(mask.counts) != height * width:
-        raise DataError(
-            f"{where}: the run lengths add up to {sum(mask.counts)}, they must to {height * width}"
-        )
-    values = np.arange(len(mask.counts)) % 2 == 1
-    return np.repeat(values, mask.counts).reshape(width, height).T.copy()
+def _visible(scenes: Mapping[int, Scene], frame: FrameId, min_visible: float) -> dict[int, int]:
+    """Number of annotated instances of each object that are visible enough."""
+    scene = scenes.get(frame[0])
+    instances = [] if scene is None else scene.stated_instances(frame[1])
+    return dict(Counter(i for i, fraction in instances if not fraction < min_visible))
+
+
+def most_visible(
+    annotated: Sequence[Target], counts: Mapping[int, int], where: str
+) -> tuple[Target, ...]:
+    """The most visible instances of each object, as many as `counts` says (id -> number).
+
+    Raises ValueError naming `where` if an object has fewer instances.
+    """
+    chosen: list[Target] = []
+    for object_id, count in counts.items():
+        instances = [target for target in annotated if target.object_id == object_id]
+        if len(instances) < count:
+            raise DataError(
+                f"{where}: {count} of object {object_id} should be found, {len(instances)} have a"
+                f" pose: drop it from the targets or add its pose"
+            )
+        instances.sort(key=lambda target: -np.nan_to_num(target.visible_fraction, nan=0.0))
+        chosen += instances[:count]
+    return tuple(chosen)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,13 +21,13 @@ from hlp.patches.backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
 from hlp.settings import Registry
 
-_CHUNK = 1 << 20
-
 
 class FrameSource(Protocol):
     """An ordered set of RGB-D frames, loaded one at a time.
 
     `keys` are the frames' `Frame.key`, in order and unique; they are known without decoding images.
+    A source may also have `visible_mask(frame, target)`: the pixels that show one of the frame's
+    targets, or None if that is not known.
     """
 
     @property
@@ -44,17 +44,11 @@ class FrameSource(Protocol):
         """Number of frames."""
 
 
-@runtime_checkable
-class VisibleMasks(Protocol):
-    """Frames with masks of the targets' visible pixels."""
-
-    def visible_mask(self, frame: Frame, target: Target) -> Mask | None:
-        """Pixels that show the target, which is one of the frame's; None if not known."""
-
-
 def annotated_mask(source: FrameSource, frame: Frame, target: Target) -> Mask | None:
     """The data set's own mask of the pixels that show a target; None where it has none."""
-    return source.visible_mask(frame, target) if isinstance(source, VisibleMasks) else None
+    mask_of: Any = getattr(source, "visible_mask", lambda *_: None)
+    mask: Mask | None = mask_of(frame, target)
+    return mask
 
 
 def content_hash(files: Iterable[Path], extra: str = "") -> str:
@@ -69,9 +63,7 @@ def content_hash(files: Iterable[Path], extra: str = "") -> str:
     for file in files:
         if os.access(file, os.R_OK):
             digest.update(f"\0{file.name}\0{file.stat().st_size}\0".encode())
-            with file.open("rb") as stream:
-                while chunk := stream.read(_CHUNK):
-                    digest.update(chunk)
+            digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
@@ -195,12 +187,8 @@ def frames_identity(source: FrameSource | None) -> str:
     return "none" if source is None else source.identity()
 
 
-@dataclass(frozen=True)
-class StatedTarget:
-    """A target that a frame should have; its visible fraction is nan where it is not stated."""
-
-    object_id: int
-    visible_fraction: float = float("nan")
+StatedTarget = tuple[int, float]
+"""Id and visible fraction (nan where it is not stated) of an object that a frame should have."""
 
 
 @runtime_checkable

@@ -31,8 +31,6 @@ from hlp.folders import locked
 SOURCES = "sources.json"
 """What a loaded folder was made from: addresses, sizes and checksums of the archives, licence."""
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-_MOST_MEMBERS = 2_000_000
-_DEEPEST, _LONGEST_NAME = 64, 255  # folders in each other; bytes
 _MOST_RATIO = 20.0  # unpacked bytes per packed one; images and binary meshes have about 1 to 4
 _FREE_OF_RATIO = 50_000_000  # bytes: text may be packed better
 _RESERVE = 50e6  # bytes that stay free
@@ -40,6 +38,7 @@ _ENCRYPTED = 0x1
 _BROKEN = (
     zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, NotImplementedError,
     UnicodeDecodeError,
+    FileExistsError, NotADirectoryError, IsADirectoryError,  # of a file that is a folder, too
 )  # fmt: skip
 _logger = logging.getLogger(__name__)
 
@@ -88,6 +87,9 @@ def fetch(archive: Archive, target: Path) -> dict[str, object]:
     """
     path, stated = (target, None) if target.is_file() else _receive(archive, target)
     size, sha256 = path.stat().st_size, _digest(path, "sha256")
+    if archive.size not in (None, size):
+        path.unlink()
+        raise _wrong(archive, f"it has {size} bytes, not {archive.size}")
     verified = []
     for known in dict.fromkeys((archive.checksum, stated)):
         if known is not None:
@@ -111,7 +113,7 @@ def _digest(path: Path, kind: str) -> str:
 def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     """Load a file beside `target`; the checksum that the server states of it, as Hugging Face's do.
 
-    Raises NetworkError, DiskFullError, and DataError for another file than the known one.
+    Raises NetworkError and DiskFullError.
     """
     import httpx2
     from huggingface_hub import get_hf_file_metadata, set_client_factory
@@ -123,7 +125,8 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     try:
         about = get_hf_file_metadata(archive.url, token=False)  # a mirror must not get the user's
         # Another server's ETag may look like a checksum, and be none: only a hub names a commit.
-        stated = _compared(archive, about.etag if about.commit_hash else None, about.size)
+        hub = about.commit_hash and _SHA256.fullmatch(about.etag or "")
+        stated = f"sha256:{about.etag}" if hub else None
         # A part is continued only as the beginning of the same version.
         version = re.sub(r"[^0-9a-zA-Z]", "", about.etag or archive.checksum or "")[:64]
         part = target.with_name(f"{target.name}.{version}.part")
@@ -172,17 +175,6 @@ def _cut_off(archive: Archive, part: Path, error: Exception) -> NetworkError:
         f"{archive.url} cannot be loaded ({reason}); {kept}: check the network, and call again "
         "to continue, or give another server with mirror=URL"
     )
-
-
-def _compared(archive: Archive, etag: str | None, size: int | None) -> str | None:
-    """The checksum that a hub states, if any. Raises DataError for another than the known."""
-    stated = f"sha256:{etag}" if _SHA256.fullmatch(etag or "") else None
-    known = archive.checksum or ""
-    if stated and known.startswith("sha256:") and known != stated:
-        raise _wrong(archive, f"its checksum is {stated}, not {known}")
-    if size and archive.size not in (None, size):
-        raise _wrong(archive, f"it has {size} bytes, not {archive.size}")
-    return stated
 
 
 def _wrong(archive: Archive, problem: str) -> DataError:
@@ -247,8 +239,7 @@ def _opened(archive: Path) -> Iterator[Iterator[Member]]:
         with zipfile.ZipFile(archive) as packed:
             yield (
                 Member(
-                    # Names end at a zero byte in `filename`.
-                    info.orig_filename, info.file_size, info.is_dir(), _is_plain(info),
+                    info.filename, info.file_size, info.is_dir(), _is_plain(info),
                     partial(packed.open, info),
                 )
                 for info in packed.infolist()
@@ -270,30 +261,15 @@ def _is_plain(info: zipfile.ZipInfo) -> bool:
 
 
 def _checked(archive: Path, members: Iterator[Member]) -> dict[PurePosixPath, Member]:
-    """The files by their paths, none twice and none a folder of another."""
+    """The files by their paths below the archive's root. Raises DataError for anything else."""
     files: dict[PurePosixPath, Member] = {}
-    for number, member in enumerate(members):
-        if number >= _MOST_MEMBERS:
-            raise _unsafe(archive, member.name, f"is one of more than {_MOST_MEMBERS}")
-        if not member.is_plain:
-            raise _unsafe(archive, member.name, "is encrypted, a link or a device")
-        parts = member.name.rstrip("/").split("/")
-        if len(parts) > _DEEPEST or max(map(len, parts)) > _LONGEST_NAME:
-            raise _unsafe(archive, member.name[:80], "has too many folders or too long a name")
-        inner = parts[1:] if parts[0] == "." else parts
-        odd = any(part in ("", ".", "..") or part.strip() != part for part in inner)
-        if odd or any(sign in member.name for sign in ("\\", "\0", ":")):
-            raise _unsafe(archive, member.name, "leads out of the folder, or may on some system")
-        if not member.is_folder:
-            path = PurePosixPath(*inner)
-            if path in files or not inner:
-                raise _unsafe(archive, member.name, "is there twice")
+    for member in members:
+        path = PurePosixPath(member.name)
+        problem = None if member.is_plain else "is encrypted, a link or a device"
+        if path.is_absolute() or ".." in path.parts or re.search(r"[\\:]", member.name):
+            problem = "leads out of the folder, or may on some system"
+        if problem is not None:
+            raise DataError(f"{archive}: its member {member.name!r} {problem}: it is not unpacked")
+        if not member.is_folder and path.parts:
             files[path] = member
-    for path, member in files.items():
-        if any(parent in files for parent in path.parents):
-            raise _unsafe(archive, member.name, "lies in a member that is not a folder")
     return files
-
-
-def _unsafe(archive: Path, name: str, problem: str) -> DataError:
-    return DataError(f"{archive}: its member {name!r} {problem}: it is not unpacked")

@@ -10,14 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Ge, Gt
 
-from hlp.arrays import CameraMatrix, Image, Values
+from hlp.arrays import CameraMatrix, Values
 from hlp.data.dataset import StatedTarget, TrainingImages, content_hash
+from hlp.data.frame_paths import pair_frames
 from hlp.data.images import (
-    EXTENSIONS,
-    find_image,
+    depth_metres,
     image_size,
     list_photographs,
-    read_depth,
+    read_raw_depth,
     read_rgb,
     require_same_size,
 )
@@ -86,14 +86,6 @@ class FileFrames(ABC):
     def _stated(self, key: str) -> StatedFrame:
         """What the text files state. Raises MissingFileError, and DataError naming a broken one."""
 
-    def _depth(self, stated: StatedFrame) -> Image:
-        """The depth image in metres."""
-        return read_depth(stated.depth, stated.depth_scale)
-
-    def _depth_size(self, path: Path) -> tuple[int, int]:
-        """Width and height of the depth image, from its header."""
-        return image_size(path, self._max_megapixels, depth=True)
-
     def __len__(self) -> int:
         return len(self._entries)
 
@@ -116,9 +108,11 @@ class FileFrames(ABC):
         Raises KeyError for an unknown key, MissingFileError, and DataError naming the file for a
         broken image, colour and depth of different sizes, or a pose that is none.
         """
-        self.require_key(key)
+        if key not in self._entries:
+            raise KeyError(f"no frame {key!r} in {self._root}")
         stated = self._stated(key)
-        rgb, depth = read_rgb(stated.color), self._depth(stated)
+        rgb = read_rgb(stated.color)
+        depth = depth_metres(read_raw_depth(stated.depth), stated.depth_scale, stated.depth)
         require_same_size(stated.color, rgb.shape[1::-1], depth.shape[::-1])
         targets = tuple(target for target, _ in stated.targets)
         return Frame(*parse_frame_key(key), rgb, depth, stated.matrix, targets)
@@ -127,17 +121,13 @@ class FileFrames(ABC):
         """See `CheckedFrames`."""
         stated = self._stated(key)
         size = image_size(stated.color, self._max_megapixels)
-        require_same_size(stated.color, size, self._depth_size(stated.depth))
+        depth_size = image_size(stated.depth, self._max_megapixels, depth=True)
+        require_same_size(stated.color, size, depth_size)
         camera_matrix(stated.matrix, stated.camera, size)
         for target, where in stated.targets:
             if (model := models.get(target.object_id)) is not None:
                 center = transform(target.pose_cam_obj, model.centroid[None])[0]
                 require_in_front(center, model.diameter, where, self.unit)
-
-    def require_key(self, key: str) -> None:
-        """Raise KeyError for an unknown key."""
-        if key not in self._entries:
-            raise KeyError(f"no frame {key!r} in {self._root}")
 
 
 def read_numbers(path: Path, count: int, header_lines: int = 0) -> Values:
@@ -161,24 +151,15 @@ def read_numbers(path: Path, count: int, header_lines: int = 0) -> Values:
 class RgbdFrames(FileFrames):
     """A plain folder of RGB-D frames without targets, for training: `rgb/`, `depth/`, camera.json.
 
-    The images of a frame have one name. `camera.json` holds `cam_K` (9 numbers, row-major, pixels)
-    and `depth_scale` (mm per unit of the 16-bit depth PNGs, by default 1). Frames are numbered in
-    the order of their names and belong to scene 0.
+    Images are paired as those of `hlp predict`. `camera.json` holds `cam_K` (9 numbers, row-major,
+    pixels) and `depth_scale` (mm per unit of the depth images, by default 1). Frames are numbered
+    in the order of their names and belong to scene 0.
     """
 
     @cached_property
     def _entries(self) -> dict[str, tuple[Path, Path]]:
-        color, depth = self._root / "rgb", self._root / "depth"
-        if not color.is_dir() or not depth.is_dir():
-            raise MissingFileError(f"{self._root} has no folders rgb and depth: check the path")
-        images = sorted(path for path in color.iterdir() if path.suffix.lower() in EXTENSIONS)
-        if not images:
-            raise MissingFileError(f"no image in {color}")
-        pairs = [(path, find_image(depth, path.stem)) for path in images]
-        for path, partner in pairs:
-            if not partner.is_file():
-                raise MissingFileError(f"no depth image {partner} for {path}")
-        return {frame_key(0, number): pair for number, pair in enumerate(pairs)}
+        pairs = pair_frames(str(self._root / "rgb"), str(self._root / "depth"))
+        return {frame_key(0, i): (pair.color, pair.depth) for i, pair in enumerate(pairs)}
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""

@@ -1,7 +1,7 @@
 """A user's frames on disk: which depth image belongs to which colour image; frames of videos."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -95,19 +95,19 @@ def natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
-def pair_frames(rgb: str, depth: str, count_frames: Callable[[Path], int]) -> list[FramePaths]:
+def pair_frames(rgb: str, depth: str) -> list[FramePaths]:
     """Colour and depth files of every frame, in order.
 
     Two files are one frame. Of folders and patterns, files are paired by their names; if no name
     is in both, by the last number in them: color_1.png and depth_1.png. A video's frames are paired
-    with the sorted depth images, which must be as many as `count_frames` says. Raises
-    MissingFileError and InputError naming what has no partner.
+    with the sorted depth images, which must be as many. Raises MissingFileError and InputError
+    naming what has no partner.
     """
     images = list_images(rgb, "rgb", EXTENSIONS)
     depths = list_images(depth, "depth", DEPTH_EXTENSIONS)
     one_rgb, one_depth = Path(rgb).is_file(), Path(depth).is_file()
     if one_rgb and images[0].suffix.lower() in VIDEO_EXTENSIONS:
-        if (count := count_frames(images[0])) != len(depths):
+        if (count := count_video_frames(images[0])) != len(depths):
             raise InputError(
                 f"rgb, {images[0]}, has {count} frames, depth, {depth}, has {len(depths)} images: "
                 "there must be one for each frame"

@@ -33,12 +33,12 @@ def find_image(folder: Path, stem: str) -> Path:
     return next((path for path in paths if path.is_file()), paths[0])
 
 
-def read_pixels(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray[Any, Any]:
-    """An image as it is in the file, or as OpenCV's `flags` say.
+def read_pixels(path: Path) -> np.ndarray[Any, Any]:
+    """An image as it is in the file.
 
     Raises MissingFileError, and DataError if it is not an image or cannot be read.
     """
-    return _decoded(_content(path), path, flags)
+    return _decoded(_content(path), path, cv2.IMREAD_UNCHANGED)
 
 
 def _decoded(content: bytes, path: Path, flags: int) -> np.ndarray[Any, Any]:
@@ -68,33 +68,20 @@ def read_rgb(path: Path) -> Rgb:
     return np.ascontiguousarray(_decoded(content, path, flags)[..., ::-1])
 
 
-def read_depth(path: Path, millimetres: float) -> Float[np.ndarray, "h w"]:
-    """A data set's depth, a 16-bit PNG, in metres; see `depth_metres`.
-
-    Raises MissingFileError; DataError if the file is broken, not 16-bit, or has no depth at all.
-    """
-    raw = read_pixels(path)
-    if raw.dtype != np.uint16 or raw.ndim != 2:
-        raise DataError(
-            f"{path} holds {raw.dtype} {raw.shape}: depth must be a 16-bit PNG of one channel"
-        )
-    return depth_metres(raw, millimetres, path)
-
-
 def read_raw_depth(path: Path) -> np.ndarray[Any, Any]:
-    """The values of a user's depth image (h, w) as in the file: integers or floating point.
+    """The values of a depth image (h, w) as in the file: integers or floating point.
 
     Raises MissingFileError; DataError for a broken file, more than one channel, or 8 bits; and
     MissingDependencyError for an EXR file without the package OpenEXR.
     """
-    read = {".npy": _read_npy, ".exr": _read_exr}.get(path.suffix.lower(), read_pixels)
-    raw = read(path)
+    kinds = {".npy": _read_npy, ".exr": _read_exr, ".dpt": _read_dpt}
+    raw = kinds.get(path.suffix.lower(), read_pixels)(path)
     if raw.ndim == 3 and raw.shape[2] == 1:
         raw = raw[..., 0]
     if raw.ndim != 2 or raw.dtype.kind not in "uif" or raw.dtype.itemsize < 2 or raw.size == 0:
         raise DataError(
             f"{path} holds {raw.dtype} {raw.shape}: depth must have one channel of 16-bit numbers "
-            "or more, as PNG, TIFF, EXR or NPY"
+            "or more, as PNG, TIFF, EXR, NPY or DPT"
         )
     return raw
 
@@ -134,7 +121,7 @@ def guess_unit(raw: np.ndarray[Any, Any], path: Path) -> tuple[float, str]:
 
 
 def image_size(path: Path, most_megapixels: float, depth: bool = False) -> tuple[int, int]:
-    """Width and height of an image, from its header.
+    """Width and height of an image, from its header; of a .dpt file, it must also be whole.
 
     Raises MissingFileError; DataError for a file that is not an image, empty or larger than
     `most_megapixels`, and for a `depth` image without one channel of 16 bits.
@@ -147,6 +134,9 @@ def image_size(path: Path, most_megapixels: float, depth: bool = False) -> tuple
     )
     if not path.is_file():
         raise MissingFileError(_ABSENT.format(path))
+    if path.suffix == ".dpt":
+        rows, columns = _read_dpt(path).shape
+        return columns, rows
     try:
         with Image.open(path) as image:
             width, height, mode = image.width, image.height, image.mode
@@ -203,6 +193,15 @@ def _read_npy(path: Path) -> np.ndarray[Any, Any]:
         raise DataError(f"{path} is truncated or no array: copy or save it again") from error
 
 
+def _read_dpt(path: Path) -> np.ndarray[Any, Any]:
+    """LINEMOD's depth (mm): rows, columns (int32), then the values (uint16), little-endian."""
+    content = _content(path)
+    rows, columns = np.frombuffer(content[:8].ljust(8, b"\0"), "<i4").tolist()
+    if rows < 1 or columns < 1 or len(content) != 8 + 2 * rows * columns:
+        raise DataError(f"{path} is truncated or no .dpt file: copy or download it again")
+    return np.frombuffer(content, "<u2", offset=8).reshape(rows, columns)
+
+
 def _read_exr(path: Path) -> np.ndarray[Any, Any]:
     try:
         import OpenEXR
@@ -240,16 +239,6 @@ def list_photographs(folder: Path) -> tuple[Path, ...]:
     return tuple(voc or found)
 
 
-def load_photographs(paths: Sequence[Path], limit: int, long_side: int) -> list[Rgb]:
-    """Decode at most `limit` photographs, spread over `paths`, shrunk to `long_side` pixels.
-
-    Raises DataError naming a file that is broken.
-    """
-    count = min(limit, len(paths))
-    chosen = np.linspace(0, len(paths) - 1, count).round().astype(int)
-    return [_shrink(read_rgb(paths[i]), long_side) for i in chosen]
-
-
 def random_crops(
     images: Sequence[Rgb], count: int, size: int, rng: np.random.Generator
 ) -> ColorPatches:
@@ -273,9 +262,9 @@ def random_crops(
     return crops
 
 
-def _shrink(image: Rgb, long_side: int) -> Rgb:
+def _shrink(image: Rgb) -> Rgb:
     height, width = image.shape[:2]
-    factor = long_side / max(height, width)
+    factor = _LONG_SIDE / max(height, width)
     if factor >= 1:
         return image
     shape = (max(1, round(width * factor)), max(1, round(height * factor)))
@@ -283,6 +272,10 @@ def _shrink(image: Rgb, long_side: int) -> Rgb:
 
 
 def photograph_crops(folder: Path, count: int, size: int, rng: np.random.Generator) -> ColorPatches:
-    """Random square crops of the photographs in a folder."""
-    images = load_photographs(list_photographs(folder), _MOST, _LONG_SIDE)
-    return random_crops(images, count, size, rng)
+    """Random square crops of the photographs in a folder, of which at most 400 are decoded.
+
+    Raises DataError naming a file that is broken.
+    """
+    paths = list_photographs(folder)
+    chosen = np.linspace(0, len(paths) - 1, min(_MOST, len(paths))).round().astype(int)
+    return random_crops([_shrink(read_rgb(paths[i])) for i in chosen], count, size, rng)

@@ -12,9 +12,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Gt, Unit
-from jaxtyping import UInt16
 
-from hlp.arrays import Image
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
 from hlp.data.file_frames import (
     MAX_MEGAPIXELS,
@@ -24,8 +22,7 @@ from hlp.data.file_frames import (
     existing_folder,
     read_numbers,
 )
-from hlp.data.images import depth_metres
-from hlp.errors import DataError, MissingFileError
+from hlp.errors import MissingFileError
 from hlp.geometry import rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import Target, frame_key
@@ -33,7 +30,6 @@ from hlp.schemas import camera_matrix, exact_rotation
 from hlp.settings import Doc
 
 _CENTIMETRE = 1e-2  # m
-_HEADER_BYTES = 8
 
 
 @DATASETS.register
@@ -77,27 +73,6 @@ class LinemodSettings(FolderSettings):
         return Dataset(models, tuple(models), frames, **vars(images), settings=self)
 
 
-def read_dpt(path: Path) -> UInt16[np.ndarray, "h w"]:
-    """Raw depth (mm): rows and columns as int32, then rows x columns uint16, little-endian.
-
-    Raises MissingFileError, and DataError if the length does not match the header.
-    """
-    columns, rows = dpt_size(path)
-    return np.frombuffer(path.read_bytes(), "<u2", offset=_HEADER_BYTES).reshape(rows, columns)
-
-
-def dpt_size(path: Path) -> tuple[int, int]:
-    """Width and height of a .dpt file. Raises what `read_dpt` raises."""
-    if not path.is_file():
-        raise MissingFileError(f"no depth {path}")
-    with path.open("rb") as stream:
-        header = stream.read(_HEADER_BYTES).ljust(_HEADER_BYTES, b"\0")
-    rows, columns = (int(number) for number in np.frombuffer(header, "<i4"))
-    if rows < 1 or columns < 1 or path.stat().st_size != _HEADER_BYTES + 2 * rows * columns:
-        raise DataError(f"{path} is truncated or no .dpt file: copy or download it again")
-    return columns, rows
-
-
 class LinemodFrames(FileFrames):
     """All frames of the given objects, with one target each (a `FrameSource`).
 
@@ -136,7 +111,7 @@ class LinemodFrames(FileFrames):
 
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
         """See `CheckedFrames`."""
-        return (StatedTarget(self._entries[key][0]),)
+        return ((self._entries[key][0], float("nan")),)
 
     def identity(self) -> str:
         """Hash of images, poses and intrinsics, and of what is missing."""
@@ -149,12 +124,6 @@ class LinemodFrames(FileFrames):
         folder = self._root / self._names[object_id] / "data"
         color, depth = folder / f"color{n}.jpg", folder / f"depth{n}.dpt"
         return color, depth, folder / f"rot{n}.rot", folder / f"tra{n}.tra"
-
-    def _depth(self, stated: StatedFrame) -> Image:
-        return depth_metres(read_dpt(stated.depth), stated.depth_scale, stated.depth)
-
-    def _depth_size(self, path: Path) -> tuple[int, int]:
-        return dpt_size(path)
 
     def _stated(self, key: str) -> StatedFrame:
         color, depth, rot, tra = self._files(key)

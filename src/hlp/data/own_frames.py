@@ -21,13 +21,7 @@ from hlp.data.camera_files import (
     resized_camera,
     undistorted,
 )
-from hlp.data.frame_paths import (
-    FramePaths,
-    VideoFrames,
-    count_video_frames,
-    list_images,
-    pair_frames,
-)
+from hlp.data.frame_paths import FramePaths, VideoFrames, list_images, pair_frames
 from hlp.data.images import (
     EXTENSIONS,
     depth_metres,
@@ -119,9 +113,8 @@ class FrameReader:
     def unit_of(self, example: Path) -> float:
         """Millimetres per unit of the depth images: given, stated, or guessed from an example."""
         if self._scale is None:
-            cameras = [self._depth_camera, self.camera]
-            by_files = [camera.depth_scale for camera in cameras if camera is not None]
-            stated = (self.settings.depth_scale, *by_files)
+            places = (self.settings, self._depth_camera, self.camera)
+            stated = (place.depth_scale for place in places if place is not None)
             self._scale = next((scale for scale in stated if scale is not None), None)
         if self._scale is None:
             self._scale, why = guess_unit(read_raw_depth(example), example)
@@ -190,7 +183,7 @@ class OwnFrames(FrameReader):
 
     @cached_property
     def _paths(self) -> dict[str, FramePaths]:
-        pairs = pair_frames(self.settings.rgb, self.settings.depth, count_video_frames)
+        pairs = pair_frames(self.settings.rgb, self.settings.depth)
         return {frame_key(_SCENE_ID, number): pair for number, pair in enumerate(pairs)}
 
     @property

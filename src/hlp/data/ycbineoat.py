@@ -23,7 +23,7 @@ from hlp.data.file_frames import (
     existing_folder,
     read_numbers,
 )
-from hlp.data.frame_paths import natural
+from hlp.data.frame_paths import list_images
 from hlp.data.images import EXTENSIONS, find_image
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import rigid
@@ -99,8 +99,10 @@ class YcbineoatFrames(FileFrames):
     @cached_property
     def _entries(self) -> dict[str, tuple[Path, Path, Path]]:
         """Colour image, pose and depth image of each frame."""
-        images = self._sorted("rgb", EXTENSIONS)
-        poses = self._sorted(_POSES, (".txt",))
+        images, poses = (
+            list_images(str(existing_folder("data.root", str(self._root / name))), name, extensions)
+            for name, extensions in (("rgb", EXTENSIONS), (_POSES, (".txt",)))
+        )
         by_name = {path.stem: path for path in poses}
         if by_name.keys().isdisjoint(path.stem for path in images):
             if len(images) != len(poses):
@@ -119,19 +121,9 @@ class YcbineoatFrames(FileFrames):
             for number, image in enumerate(posed)
         }
 
-    def _sorted(self, name: str, extensions: tuple[str, ...]) -> list[Path]:
-        folder = self._root / name
-        if not folder.is_dir():
-            raise MissingFileError(f"{self._root} has no folder {name}: check data.root")
-        found = [path for path in folder.iterdir() if path.suffix.lower() in extensions]
-        if not found:
-            raise MissingFileError(f"{folder} has no file {' or '.join(extensions)}")
-        return sorted(found, key=lambda path: natural(path.name))
-
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
         """See `CheckedFrames`."""
-        self.require_key(key)
-        return (StatedTarget(_OBJECT_ID),)
+        return ((_OBJECT_ID, float("nan")),)
 
     def identity(self) -> str:
         """Hash of images, poses and intrinsics, and of what is missing."""

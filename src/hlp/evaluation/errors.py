@@ -152,18 +152,6 @@ def near_truth(
     return near
 
 
-def poses_near_truth(
-    poses_cam_obj: Poses,
-    true: Pose,
-    model: ObjectModel,
-    settings: EvaluationSettings,
-    bounds: tuple[float, float],
-) -> Flags:
-    """`near_truth` for poses. Distances are between centroids, so a pure turn has distance 0."""
-    centroids = transform(poses_cam_obj, model.centroid[None])[:, 0]
-    return near_truth(poses_cam_obj[:, :3, :3], centroids, true, model, settings, bounds)
-
-
 def is_symmetric_flip(
     pose: Pose, true: Pose, model: ObjectModel, settings: EvaluationSettings
 ) -> bool:

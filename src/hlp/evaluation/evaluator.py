@@ -72,17 +72,12 @@ def score_targets(
     Of an object with n targets in a frame, the n estimates with the highest scores count. In that
     order, each is matched to the free target with the smallest ADD(-S), first those that are right,
     then the others. BOP's errors are matched by the same rule for each threshold. A target without
-    an estimate, or whose estimate has no pose, is wrong with infinite errors. Raises
-    ValueError for a pose with NaN, DataError for a target whose object has no model.
+    an estimate, or whose estimate has no pose, is wrong with infinite errors. Raises DataError for
+    a target whose object has no model.
     """
     found: dict[tuple[int, int, int], list[PoseEstimate]] = {}
     for estimate in estimates:
         key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
-        if estimate.pose_cam_obj is not None and not np.isfinite(estimate.pose_cam_obj).all():
-            raise ValueError(
-                f"the estimate of object {estimate.object_id} in scene {estimate.scene_id}, frame"
-                f" {estimate.frame_id} holds NaN or infinity"
-            )
         found.setdefault(key, []).append(estimate)
     scorers: dict[int, _ObjectScorer] = {}
     scores = []

@@ -3,6 +3,7 @@
 The dictionary is what `summary.json` holds: a contract that scripts rely on.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ from hlp.arrays import Flags, Values
 from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.waterfall import by_object, count_causes
-from hlp.records import PoseEstimate, TargetScore
+from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate, TargetScore
 from hlp.results.recalls import (
     METRICS,
     Summary,
@@ -36,15 +37,8 @@ def summarise(
     """What `summary.json` holds: plain dictionaries of numbers, None where there is none.
 
     `names` are the objects' names by id, `timings_ms` the times of one object in one frame for
-    `total` and each stage, `votes` what `vote_quality` returns. Raises ValueError without scores,
-    and for an object without a name.
+    `total` and each stage, `votes` what `vote_quality` returns. There is at least one score.
     """
-    if not scores:
-        raise ValueError("nothing to summarise: no target was scored")
-    unknown = sorted({score.object_id for score in scores} - set(names))
-    if unknown:
-        raise ValueError(f"no name for the objects {unknown}")
-
     objects = {
         name: {"targets": len(own), **_recalls(own, settings, seed)}
         for name, own in by_object(scores, names).items()
@@ -90,17 +84,16 @@ def _median_errors(scores: Sequence[TargetScore]) -> Summary:
     """Medians over the targets that got a pose, right or wrong."""
     found = [score for score in scores if score.found]
 
-    def median(error: str) -> float:
-        return float(np.median([getattr(score, error) for score in found]))
+    def median(error: str, unit: float = 1.0) -> float | None:
+        return (
+            float(np.median([getattr(score, error) for score in found])) * unit if found else None
+        )
 
-    if not found:
-        names = ("add_mm", "rotation_deg", "translation_mm", "box_iou")
-        return {"found": 0, **dict.fromkeys(names)}
     return {
         "found": len(found),
-        "add_mm": median("add_error") * 1e3,
-        "rotation_deg": float(np.rad2deg(median("rotation_error"))),
-        "translation_mm": median("translation_error") * 1e3,
+        "add_mm": median("add_error", MILLIMETRES_PER_METRE),
+        "rotation_deg": median("rotation_error", math.degrees(1.0)),
+        "translation_mm": median("translation_error", MILLIMETRES_PER_METRE),
         "box_iou": median("box_iou"),
     }
 
@@ -143,20 +136,14 @@ def count_false_alarms(scores: Sequence[float], min_score: float) -> dict[str, A
 def expected_calibration_error(scores: Values, right: Flags, bins: int = 10) -> float:
     """Mean of |share of right answers − mean score| over bins of equal width, by their answers.
 
-    Guo et al., On Calibration of Modern Neural Networks (ICML 2017), Eq. 3. Raises ValueError
-    without answers, or for a score outside [0, 1].
+    Guo et al., On Calibration of Modern Neural Networks (ICML 2017), Eq. 3.
     """
     count, score, share = reliability(scores, right, bins).T
     return float((count * np.abs(score - share)).sum() / count.sum())
 
 
 def risk_coverage(scores: Values, right: Flags) -> tuple[Values, Values]:
-    """Coverage and risk at every threshold, the highest score first; equal scores come together.
-
-    Raises ValueError without answers.
-    """
-    if len(scores) == 0:
-        raise ValueError("no answer, no risk")
+    """Coverage and risk at every threshold, the highest score first; equal scores come together."""
     order = np.argsort(-scores, kind="stable")
     count = np.arange(1, len(scores) + 1)
     risk = np.cumsum(~right[order]) / count
@@ -167,7 +154,7 @@ def risk_coverage(scores: Values, right: Flags) -> tuple[Values, Values]:
 def area_under_risk_coverage(scores: Values, right: Flags) -> float:
     """Mean risk over all coverages (Geifman et al., ICLR 2019); 0 is best.
 
-    Answers with equal scores each have their expected risk. Raises ValueError without answers.
+    Answers with equal scores each have their expected risk.
     """
     coverage, risk = risk_coverage(scores, right)
     count = np.rint(coverage * len(scores))

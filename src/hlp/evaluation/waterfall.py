@@ -100,15 +100,8 @@ def count_causes(scores: Sequence[TargetScore], names: Mapping[int, str]) -> dic
     """Number of correct targets and of misses by cause.
 
     Counted over all targets (`total`), per object (`per_object`) and per class of the visible
-    fraction (`per_visibility`, without classes that hold no target). Raises ValueError naming a
-    miss that has no cause.
+    fraction (`per_visibility`, without classes that hold no target).
     """
-    for score in scores:
-        if not score.add_correct and score.cause not in CAUSES:
-            raise ValueError(
-                f"scene {score.scene_id}, frame {score.frame_id}, object {score.object_id} was"
-                f" missed, but its cause is '{score.cause}'"
-            )
     classes: dict[str, list[TargetScore]] = {name: [] for name in (*VISIBILITY, UNSTATED)}
     for score in scores:
         classes[visibility_class(score.visible_fraction)].append(score)

@@ -123,7 +123,7 @@ def checked_pose(given: object) -> Pose:
     if not np.array_equal(pose[3], [0, 0, 0, 1]):
         raise InputError(f"pose_cam_obj: its last row is {pose[3].tolist()}, it must be 0 0 0 1")
     try:
-        schemas.require_rotation(pose[:3, :3].astype(np.float64), "pose_cam_obj[:3, :3]")
+        schemas.exact_rotation(pose[:3, :3].astype(np.float64), "pose_cam_obj[:3, :3]")
     except DataError as error:
         raise InputError(str(error)) from None
     if (farthest := np.abs(pose[:3, 3].astype(np.float64)).max()) > _FARTHEST:

@@ -111,8 +111,8 @@ class Detector(OpenedFolder):
             begun = time.perf_counter()
             context = estimator.prepare(frame, within)
             counts = {self._ids[name]: max_instances for name in names}
-            trace = search_frame(estimator, context, counts, min_score=min_score, begun=begun)
-            return sort_answers(estimator, context, trace, min_score)
+            trace = search_frame(context, counts, min_score=min_score, begun=begun)
+            return sort_answers(context, trace, min_score)
 
     def refine(
         self, rgb: Rgb, depth: Image, camera_matrix: CameraMatrix, object: str, pose_cam_obj: Pose
@@ -147,7 +147,7 @@ class Detector(OpenedFolder):
         track = Track(0, self._ids[name], 0.0, arguments.checked_pose(pose_cam_obj))
         with self._alone() as estimator:
             begun = time.perf_counter()
-            found = follow(estimator, estimator.prepare(frame), track, None, TrackingSettings())
+            found = follow(estimator.prepare(frame), track, None, TrackingSettings())
             return found and replace(found, seconds=time.perf_counter() - begun)
 
     def tracker(

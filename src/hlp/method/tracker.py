@@ -108,10 +108,10 @@ class Tracker:
         checked = checked_rgbd(frame)
         within = None if mask is None else checked_mask(mask, checked.depth.shape)
         with self._estimator() as estimator:
-            return self._search(_Step(estimator, estimator.prepare(checked, within)))
+            return self._search(_Step(estimator.prepare(checked, within)))
 
     def _search(self, step: "_Step") -> TrackingResult:
-        ids = [i for i in self._object_ids if i in step.estimator.learnt.models]
+        ids = [i for i in self._object_ids if i in step.models]
         every, lost = self.settings.search_every, list[Track]()
         # The most certain instance takes the pixels that it explains first.
         for track in sorted(self._tracks, key=lambda track: -track.score):
@@ -130,8 +130,7 @@ class Tracker:
         rejections = step.search(counts, self.settings.min_score, lost, self._numbers)
         self._tracks = tuple(track for track, _ in step.found)
         answers = sorted((answer for _, answer in step.found), key=lambda answer: -answer.score)
-        models, frame = step.estimator.learnt.models, step.context.frame
-        return TrackingResult(with_ranks(answers, models, frame), rejections)
+        return TrackingResult(with_ranks(answers, step.models, step.context.frame), rejections)
 
 
 @dataclass(frozen=True)
@@ -166,16 +165,16 @@ class Track:
 class _Step:
     """One frame of a sequence, while its instances are found one after another."""
 
-    def __init__(self, estimator: PoseEstimator, context: FrameContext) -> None:
-        self.estimator, self.context = estimator, context
+    def __init__(self, context: FrameContext) -> None:
+        self.context, self.models = context, context.estimator.learnt.models
         self.found: list[tuple[Track, TrackedDetection]] = []
         self._begun = time.perf_counter()
-        self._rest = Unexplained(estimator, context, None)
+        self._rest = Unexplained(context, None)
         self._taken = 0  # of what was found: its pixels are left out of the rest
 
     def follow(self, track: Track, settings: TrackingSettings) -> bool:
         """Find an instance where it was; False if it is not there."""
-        answer = follow(self.estimator, self.context, track, self._unexplained(), settings)
+        answer = follow(self.context, track, self._unexplained(), settings)
         if answer is None or answer.score < settings.min_score:
             return False
         self._add(replace(answer, seconds=time.perf_counter() - self._begun), track, tracked=True)
@@ -187,13 +186,13 @@ class _Step:
         """Find objects in the whole frame; why those without any instance are not found."""
         if not counts:
             return []
-        estimator, begun, rest = self.estimator, self._begun, self._unexplained()
+        begun, rest = self._begun, self._unexplained()
         trace = search_frame(
-            estimator, self.context, counts, min_score=min_score, unexplained=rest, begun=begun
+            self.context, counts, min_score=min_score, unexplained=rest, begun=begun
         )
-        result = sort_answers(estimator, self.context, trace, min_score)
+        result = sort_answers(self.context, trace, min_score)
         for object_id in counts:
-            name = estimator.learnt.models[object_id].name
+            name = self.models[object_id].name
             of_object = [answer for answer in result.detections if answer.object == name]
             places = [track for track in lost if track.object_id == object_id]
             for answer, known in _matched(of_object, places):
@@ -204,7 +203,7 @@ class _Step:
 
     def _add(self, answer: Detection, last: Track, tracked: bool) -> None:
         """Take an answer up; of poses that are equal, the nearest to the last one."""
-        symmetries = self.estimator.learnt.models[last.object_id].symmetries
+        symmetries = self.models[last.object_id].symmetries
         pose = nearest_symmetric_pose(last.pose_cam_obj, answer.pose_cam_obj, symmetries)
         answer = replace(answer, pose_cam_obj=pose, equivalent_poses=pose @ symmetries)
         before = last.pose_cam_obj if tracked else None
@@ -222,22 +221,18 @@ class _Step:
 
 
 def follow(
-    estimator: PoseEstimator,
-    context: FrameContext,
-    track: Track,
-    unexplained: Observation | None,
-    settings: TrackingSettings,
+    context: FrameContext, track: Track, unexplained: Observation | None, settings: TrackingSettings
 ) -> Detection | None:
     """The best answer about where the instance was; None if other instances explain all of it.
 
     Start poses are followed in order of their cost, until one has a good score. If none has, they
     are refined as hypotheses are, which finds poses that are farther away.
     """
-    object_id = track.object_id
+    object_id, estimator = track.object_id, context.estimator
     model, verifier = estimator.learnt.models[object_id], estimator.verifier(object_id)
     starts = track.start_poses(model.centroid, settings.prediction)
     starts = starts[refinable(starts, model.centroid)]
-    near = part_near(estimator, context, model, starts)
+    near = part_near(context, model, starts)
     if len(starts) > 1:
         starts = starts[np.argsort(verifier.costs(near.observation, starts), kind="stable")]
     answers = list[Detection]()
@@ -247,19 +242,16 @@ def follow(
             evidence = verifier.evidence(near.observation, pose[None])
             if not verifier.is_free(unexplained, pose[None], evidence)[0]:
                 continue
-        answers.append(describe_pose(estimator, near, object_id, pose))
+        answers.append(describe_pose(near, object_id, pose))
         if answers[-1].score >= settings.min_score:
             return answers[-1]
     all_starts = Hypotheses(starts, np.ones(len(starts)))
     refined = estimator.refine(context, object_id, all_starts, 1, unexplained)
-    if refined is not None:
-        answers += describe(estimator, context, object_id, refined)
+    answers += describe(context, object_id, refined)
     return max(answers, key=lambda answer: answer.score, default=None)
 
 
-def part_near(
-    estimator: PoseEstimator, context: FrameContext, model: ObjectModel, poses_cam_obj: Poses
-) -> FrameContext:
+def part_near(context: FrameContext, model: ObjectModel, poses_cam_obj: Poses) -> FrameContext:
     """The part of the frame that shows the object in any of some poses, and what is beside it.
 
     Preparing the whole frame would take longer than following one object in it. The part has pixel
@@ -281,9 +273,10 @@ def part_near(
     camera_matrix = frame.camera_matrix.copy()
     camera_matrix[:2, 2] -= low
     part = replace(frame, rgb=frame.rgb[area], depth=frame.depth[area], camera_matrix=camera_matrix)
+    estimator = context.estimator
     verification = estimator.settings.fine.refinement.verification
     matches = FrameMatches(estimator.matching, part)
-    return FrameContext(part, context.windows, matches, verification)
+    return FrameContext(estimator, part, context.windows, matches, verification)
 
 
 def _matched(

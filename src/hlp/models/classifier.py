@@ -12,7 +12,7 @@ from hlp.settings import Count, Doc, NotNegative, Settings
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
-"""Windows in a chunk: few enough for its activations to stay in the processor's cache."""
+"""Windows to classify at once: few enough for its activations to stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,7 @@ class ClassifierSettings(Settings):
 def class_probabilities(
     network: Network, images: UInt8[np.ndarray, "n p p c"]
 ) -> Float[np.ndarray, "n classes"]:
-    """Softmax over the classes for windows as `WindowImages` cuts them, in chunks."""
-    chunks = [np.zeros((0, network.outputs), dtype=np.float32)]
-    for start in range(0, len(images), CHUNK):
-        scores = network.run(images[start : start + CHUNK])
-        shares = np.exp(scores - scores.max(axis=1, keepdims=True))
-        chunks.append(shares / shares.sum(axis=1, keepdims=True))
-    return np.concatenate(chunks)
+    """Softmax over the classes for windows as `WindowImages` cuts them."""
+    scores = network.run(images)
+    shares = np.exp(scores - scores.max(axis=1, keepdims=True))
+    return np.asarray(shares / shares.sum(axis=1, keepdims=True))

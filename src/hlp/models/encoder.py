@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -16,7 +16,8 @@ from hlp.settings import Registry
 
 if TYPE_CHECKING:
     from pytorch_lightning import LightningDataModule
-    from torch import Tensor
+
+    from hlp.models.network_training import OneCycleModule
 
 RESOLUTION = 32  # px of a patch's side (paper, section 3.2)
 STEM = "encoder"
@@ -37,16 +38,6 @@ class Encoder(Protocol):
         """Features (n, d) float32 of n patches."""
 
 
-class EncoderModule(Protocol):
-    """A LightningModule that trains the encoder's network."""
-
-    network: Any
-    """The network; its `layers` are applied one after the other."""
-
-    def images(self, batch: Any) -> Tensor:
-        """The network's input (n, c, p, p) for a batch."""
-
-
 class EncoderTraining(Protocol):
     """Data and tools for training an encoder. Data are made only when requested."""
 
@@ -65,7 +56,7 @@ class EncoderTraining(Protocol):
         the patches' colour under another light. Raises ValueError if there are no such frames.
         """
 
-    def fit(self, module: EncoderModule, data: LightningDataModule, epochs: int) -> None:
+    def fit(self, module: OneCycleModule, data: LightningDataModule, epochs: int) -> None:
         """Train a module; its network is written into `folder` as weights and ONNX (`STEM`)."""
 
     @property
@@ -113,10 +104,8 @@ class NetworkEncoder:
 
     def encode(self, patches: LocalPatches) -> Features:
         """Features (n, d) float32 of n patches."""
-        if len(patches) == 0:
-            return np.zeros((0, self.network.outputs), dtype=np.float32)
         images = patch_input(patches, self.kind)
-        starts = range(0, len(images), _CHUNK)
+        starts = range(0, max(len(images), 1), _CHUNK)
         features = np.concatenate([self.network.run(images[i : i + _CHUNK]) for i in starts])
         if self.unit_length:
             norms = np.linalg.norm(features, axis=1, keepdims=True)

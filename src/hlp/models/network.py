@@ -82,6 +82,8 @@ class Network:
 
     def run(self, images: Shaped[np.ndarray, "n p p c"]) -> Features:
         """The network's output for each image."""
+        if len(images) == 0:
+            return np.zeros((0, self.outputs), dtype=np.float32)
         return np.asarray(self._session_here().run(None, {"images": images})[0])
 
 

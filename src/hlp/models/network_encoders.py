@@ -76,7 +76,7 @@ class AutoencoderSettings(NetworkSettings):
 
     def train(self, training: EncoderTraining) -> None:
         """See `EncoderSettings.train`."""
-        from hlp.models.encoder_training import Autoencoder
+        from hlp.models.network_training import Autoencoder
 
         data = training.frame_batches(
             self.per_frame, self.batch_size, self.rooms, self.varied_light
@@ -107,7 +107,7 @@ class ContrastiveSettings(NetworkSettings):
 
     def train(self, training: EncoderTraining) -> None:
         """See `EncoderSettings.train`."""
-        from hlp.models.encoder_training import ContrastiveEncoder
+        from hlp.models.network_training import ContrastiveEncoder
 
         data = training.pair_batches(self.input == "rgbd", self.batch_size)
         module = ContrastiveEncoder(self)

@@ -16,6 +16,7 @@ from hlp.geometry import rigid
 from hlp.objects.meshes import mesh_diameter
 from hlp.objects.shapes import (
     Color,
+    centred,
     cylinder,
     ellipsoid,
     lathe,
@@ -72,9 +73,8 @@ def _random_turn(rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
 
 def _unit_size(mesh: Mesh) -> tuple[Mesh, float]:
     """The mesh about the origin with a diameter of 1, and its former diameter (m)."""
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     diameter = mesh_diameter(mesh.vertices)
-    return replace(mesh, vertices=(mesh.vertices - (low + high) / 2) / diameter), diameter
+    return replace(mesh, vertices=centred(mesh).vertices / diameter), diameter
 
 
 def _scene(

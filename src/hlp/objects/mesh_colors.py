@@ -10,7 +10,6 @@ from urllib.parse import unquote
 import numpy as np
 from jaxtyping import UInt8
 
-from hlp.arrays import Positions, Rgb
 from hlp.errors import DataError
 from hlp.records import Texture
 
@@ -49,14 +48,6 @@ def mesh_colors(path: Path, raw: trimesh.Trimesh) -> tuple[Colors, Texture | Non
     return colors[:, :3].copy(), None, True
 
 
-def texture_colors(image: Rgb, uv: Positions) -> UInt8[np.ndarray, "n 3"]:
-    """The texels at texture coordinates (see `records.Texture`)."""
-    height, width = image.shape[:2]
-    column = np.floor(uv[:, 0] * width).astype(np.int64) % width
-    row = np.floor((1.0 - uv[:, 1]) * height).astype(np.int64) % height
-    return np.asarray(image[row, column])
-
-
 def _textured(path: Path, raw: trimesh.Trimesh) -> tuple[Colors, Texture | None, bool]:
     """Like `mesh_colors`, for a mesh with a material."""
     visual: Any = raw.visual
@@ -75,7 +66,10 @@ def _textured(path: Path, raw: trimesh.Trimesh) -> tuple[Colors, Texture | None,
     coordinates = np.nan_to_num(np.array(uv, dtype=np.float64))
     if np.abs(coordinates).max() > _MOST_REPEATS:
         raise DataError(f"{path} has texture coordinates beyond {_MOST_REPEATS:g}: export it again")
-    colors = texture_colors(image, coordinates)
+    height, width = image.shape[:2]
+    column = np.floor(coordinates[:, 0] * width).astype(np.int64) % width
+    row = np.floor((1.0 - coordinates[:, 1]) * height).astype(np.int64) % height
+    colors = np.asarray(image[row, column])
     if np.ptp(image, axis=(0, 1)).max() == 0:  # also what trimesh puts where no image is named
         return colors, None, True
     return colors, Texture(image.copy(), coordinates), True
@@ -89,16 +83,11 @@ def with_one_kind_of_color(scene: trimesh.Scene) -> trimesh.Scene:
     """
     import trimesh
 
-    visuals: list[Any] = [
-        part.visual for part in scene.geometry.values() if isinstance(part, trimesh.Trimesh)
-    ]
-    kinds = {visual.kind for visual in visuals}
-    if len(kinds) > 1 and "texture" in kinds:
-        scene = scene.copy()
-        for part in scene.geometry.values():
-            visual: Any = part.visual if isinstance(part, trimesh.Trimesh) else None
-            if visual is not None and visual.kind == "texture":
-                part.visual = visual.to_color()
+    parts: list[Any] = [p for p in scene.geometry.values() if isinstance(p, trimesh.Trimesh)]
+    if len({part.visual.kind for part in parts}) > 1:
+        for part in parts:
+            if part.visual.kind == "texture":
+                part.visual = part.visual.to_color()
     return scene
 
 
@@ -124,15 +113,14 @@ def files_beside(path: Path, missing: list[str]) -> FilePathResolver:
 SMALL = 0.035  # m: a mesh that seems to be smaller may be in centimetres
 _SIZES = (0.01, 2.0)  # m: diameters of objects that can be found
 _UNITS = ((1.0, "metres"), (0.001, "millimetres"))
-_IN_METRES = (".glb", ".gltf")
 
 
 def guess_scale(path: Path, diameter: float) -> float:
     """Metres per unit of a mesh file whose largest distance between vertices is `diameter` units.
 
-    glTF is in metres by its specification. Other files are taken for metres or millimetres,
-    whichever makes the object 1 cm to 2 m large. The guess is logged, as a warning if it makes the
-    object so small that the file may be in centimetres. Raises DataError if neither does.
+    Files are taken for metres, in which glTF is by its specification, or else for millimetres,
+    whichever makes the object 1 cm to 2 m large. The guess is logged, with a warning where the
+    object is so small that the file may be in centimetres. Raises DataError if neither does.
     """
     likely = ((scale, name) for scale, name in _UNITS if _is_possible(diameter * scale))
     scale, name = next(likely, (0.0, ""))
@@ -141,9 +129,7 @@ def guess_scale(path: Path, diameter: float) -> float:
             f"{path} is {diameter:.4g} units large, a likely size neither in metres nor in "
             "millimetres: give mesh_scale, in metres per unit (0.01 for centimetres)"
         )
-    odd = path.suffix.lower() in _IN_METRES and scale != 1.0
-    _logger.log(
-        logging.WARNING if odd else logging.INFO,
+    _logger.info(
         "%s: %.4g units large, taken for %s (mesh_scale=%g; give another one if this is wrong)",
         *(path.name, diameter, name, scale),
     )

@@ -109,10 +109,7 @@ def _checked(path: Path, raw: trimesh.Trimesh) -> tuple[Points, Int[np.ndarray, 
         raise DataError(f"{path} has NaN or infinite vertices: repair the mesh")
     faces = np.array(raw.faces, dtype=np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
-        wrong = int(faces.min() if faces.min() < 0 else faces.max())
-        raise DataError(
-            f"{path} has a triangle of vertex {wrong}, of {len(vertices)} vertices: export it again"
-        )
+        raise DataError(f"{path} has a triangle of a vertex that it lacks: export it again")
     diameter = mesh_diameter(vertices)
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     with np.errstate(all="ignore"):  # of sizes that no object has
@@ -223,21 +220,17 @@ def mesh_diameter(vertices: Points) -> float:
 
 def _farthest(points: Points) -> Points:
     """The points that lie farthest in directions spread over the sphere."""
-    height = 1.0 - (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS  # of the upper half
-    angle = np.arange(_DIRECTIONS) * np.pi * (3.0 - np.sqrt(5.0))
-    around = np.sqrt(1.0 - height**2)
-    directions = np.stack([around * np.cos(angle), around * np.sin(angle), height], axis=1)
-    rows = np.arange(_DIRECTIONS)
-    best, chosen = np.full((2, _DIRECTIONS), -np.inf), np.zeros((2, _DIRECTIONS), dtype=np.int64)
-    block = _MOST_PAIRS // _DIRECTIONS
-    for i in range(0, len(points), block):
-        along = directions @ points[i : i + block].T
-        for side, signed in enumerate((along, np.negative(along))):
-            found = signed.argmax(axis=1)
-            farther = signed[rows, found] > best[side]
-            best[side, farther] = signed[rows, found][farther]
-            chosen[side, farther] = found[farther] + i
-    return np.asarray(points[np.unique(chosen)])
+    along = (points @ direction for direction in hemisphere(_DIRECTIONS))
+    return np.asarray(points[np.unique([(way.argmin(), way.argmax()) for way in along])])
+
+
+def hemisphere(count: int) -> Points:
+    """Directions spread evenly over the upper hemisphere (Fibonacci's spiral)."""
+    index = np.arange(count) + 0.5
+    z = index / count
+    angle = index * np.pi * (3.0 - np.sqrt(5.0))
+    radius = np.sqrt(1.0 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
 def _vertex_normals(vertices: Points, faces: Int[np.ndarray, "f 3"]) -> Points:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from hlp.arrays import Flags, Point, Points, Pose, Poses, Values
 from hlp.geometry import inverse, rigid, rotation_distance, transform
+from hlp.objects.meshes import hemisphere
 from hlp.records import Mesh
 from hlp.rendering.surface import sample_surface
 
@@ -81,8 +82,8 @@ def find_near_symmetries(mesh: Mesh, diameter: float) -> NearSymmetries:
     group = _completed(shape, [turn.by(np.array([2 * np.pi / turn.order]))[0] for turn in turns])
     if not mesh.colored:
         return NearSymmetries(group, group[:0])
-    broken = np.array([shape.color_difference(turn) > MAX_COLOR_DIFFERENCE for turn in group], bool)
-    return NearSymmetries(group[~broken], group[broken])
+    kept = shape.keeps_colors(group)
+    return NearSymmetries(group[kept], group[~kept])
 
 
 def without(motions: Poses, known: Poses) -> Poses:
@@ -93,7 +94,7 @@ def without(motions: Poses, known: Poses) -> Poses:
 
 def _find_turns(shape: ShapeDistance) -> list[_Turn]:
     """Turns of each order that pass, with axes at least 8° apart."""
-    directions = _hemisphere(_AXES)
+    directions = hemisphere(_AXES)
     found: list[_Turn] = []
     for order in _ORDERS:
         angle = 2.0 * np.pi / order
@@ -150,19 +151,15 @@ def _about_continuous_axis(
     flips = [turn for turn in turns if turn.order == 2 and abs(turn.axis @ axis.axis) < 0.2]
     flip = flips[0].by(np.array([np.pi])) if flips else np.empty((0, 4, 4))
     upside_down = (np.concatenate([np.eye(4)[None], steps])[:, None] @ flip).reshape(-1, 4, 4)
+    motions = np.concatenate([steps, upside_down])
     if not colored:
-        return NearSymmetries(np.concatenate([steps, upside_down]), np.empty((0, 4, 4)))
-    kept = np.array([shape.color_difference(step) for step in steps]) <= MAX_COLOR_DIFFERENCE
-    if not kept.all():
-        kept = _subgroup(kept)
-    flip_kept = np.zeros(len(upside_down), bool)
-    if len(flip):
-        unchanged = [shape.color_difference(step) <= MAX_COLOR_DIFFERENCE for step in upside_down]
-        flip_kept[:] = np.array(unchanged) & np.concatenate([[True], kept]) if kept.any() else False
-    return NearSymmetries(
-        np.concatenate([steps[kept], upside_down[flip_kept]]),
-        np.concatenate([steps[~kept], upside_down[~flip_kept]]),
-    )
+        return NearSymmetries(motions, motions[:0])
+    kept = shape.keeps_colors(motions)
+    about, flipped = kept[: len(steps)], kept[len(steps) :]  # parts of `kept`
+    if not about.all():
+        about[:] = _subgroup(about)
+    flipped &= np.concatenate([[True], about])[: len(flipped)] & about.any()
+    return NearSymmetries(motions[kept], motions[~kept])
 
 
 def _subgroup(kept: Flags) -> Flags:
@@ -191,15 +188,6 @@ def _completed(shape: ShapeDistance, motions: list[Pose]) -> Poses:
                 group.append(product)
                 grown = True
     return np.stack(group)[1:] if len(group) > 1 else np.empty((0, 4, 4))
-
-
-def _hemisphere(count: int) -> Points:
-    """Directions spread evenly over the upper hemisphere (Fibonacci's spiral)."""
-    index = np.arange(count) + 0.5
-    z = index / count
-    angle = index * np.pi * (3.0 - np.sqrt(5.0))
-    radius = np.sqrt(1.0 - z * z)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
 class ShapeDistance:
@@ -286,7 +274,8 @@ class ShapeDistance:
             motion = rigid(turn, step[3:] + self.center - turn @ self.center) @ motion
         return motion
 
-    def color_difference(self, motion: Pose) -> float:
-        """Root mean square difference (of 255) of the smoothed colours after a motion."""
-        _, nearest = self._tree.query(transform(motion, self._points[::_COLORS]))
-        return float(np.sqrt(np.mean((self._colors[nearest] - self._colors[::_COLORS]) ** 2)))
+    def keeps_colors(self, motions: Poses) -> Flags:
+        """Whether the smoothed colours differ little after each motion."""
+        found = [self._tree.query(transform(each, self._points[::_COLORS]))[1] for each in motions]
+        apart = [self._colors[nearest] - self._colors[::_COLORS] for nearest in found]
+        return np.array([np.sqrt(np.mean(each**2)) <= MAX_COLOR_DIFFERENCE for each in apart], bool)

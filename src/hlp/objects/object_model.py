@@ -12,7 +12,6 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
-from jaxtyping import Float
 
 from hlp.arrays import Points, Poses
 from hlp.errors import ConfigError
@@ -83,14 +82,12 @@ def build_object_model(
 
 def _log(model: ObjectModel) -> None:
     name, mesh = model.name, model.mesh
-    sides = " × ".join(
-        f"{side * MILLIMETRES_PER_METRE:.0f}" for side in np.ptp(mesh.vertices, axis=0)
-    )
+    sides = np.ptp(mesh.vertices, axis=0) * MILLIMETRES_PER_METRE
     if not mesh.colored:
         _logger.info(
             "%s has no colours: none are assumed, in finding it or in verifying its poses", name
         )
-    _logger.info("%s: %s mm, %d triangles", name, sides, len(mesh.faces))
+    _logger.info("%s: %.0f × %.0f × %.0f mm, %d triangles", name, *sides, len(mesh.faces))
     _logger.info(
         "%s: %d symmetries; its colours tell %d more poses of nearly the same shape apart",
         *(name, len(model.symmetries) - 1, len(model.near_symmetries)),
@@ -116,7 +113,12 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
     whole walls may vanish: a proxy that lacks them fits no image of the object. `diameter` is in m.
     Raises ValueError for fewer than 4 faces.
     """
-    poses, camera = _poses(mesh, diameter)
+    rotations = view_rotations(thomson(_VIEWS, 0), np.zeros(1))  # from all sides
+    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
+    ahead = np.array([0.0, 0.0, _FOCAL * diameter / _OBJECT])
+    poses = rigid(rotations, ahead - rotations @ middle)
+    centre = (_SIDE - 1) / 2.0
+    camera = np.array([[_FOCAL, 0.0, centre], [0.0, _FOCAL, centre], [0.0, 0.0, 1.0]])
     full = render_depth(mesh, poses, camera, (_SIDE, _SIDE))
     count = faces
     while True:
@@ -134,16 +136,6 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
             "poses are drawn with %d triangles: %d lose its shape", len(proxy.faces), faces
         )
     return proxy
-
-
-def _poses(mesh: Mesh, diameter: float) -> tuple[Poses, Float[np.ndarray, "3 3"]]:
-    """Poses from all sides, and the camera's matrix."""
-    rotations = view_rotations(thomson(_VIEWS, 0), np.zeros(1))
-    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
-    ahead = np.array([0.0, 0.0, _FOCAL * diameter / _OBJECT])
-    centre = (_SIDE - 1) / 2.0
-    camera = np.array([[_FOCAL, 0.0, centre], [0.0, _FOCAL, centre], [0.0, 0.0, 1.0]])
-    return rigid(rotations, ahead - rotations @ middle), camera
 
 
 def check_unique(objects: Mapping[str, ObjectSettings]) -> None:

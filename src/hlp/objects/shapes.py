@@ -69,6 +69,12 @@ def moved_by(mesh: Mesh, motion: Pose) -> Mesh:
     )
 
 
+def centred(mesh: Mesh) -> Mesh:
+    """The mesh with the middle of its bounding box at the origin."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    return moved(mesh, -(low + high) / 2)
+
+
 def painted(mesh: Mesh, where: Flags, color: Color) -> Mesh:
     """The mesh with another colour at the vertices `where`."""
     colors = mesh.colors.copy()

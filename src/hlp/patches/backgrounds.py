@@ -59,10 +59,8 @@ def procedural_backgrounds(count: int, size: int, rng: np.random.Generator) -> C
 
     Each has smooth coloured noise and a gradient, most have clutter (filled polygons, ellipses,
     lines), a third have stripes or checks; grain and exposure differ from one to the next.
-    Deterministic in `rng`. Raises ValueError for a size that is not positive.
+    Deterministic in `rng`.
     """
-    if size < 1 or count < 0:
-        raise ValueError(f"size must be positive and count not negative, not {size} and {count}")
     pictures = np.empty((count, size, size, 3), np.uint8)
     for start in range(0, count, _LARGEST_BATCH):
         stop = min(start + _LARGEST_BATCH, count)

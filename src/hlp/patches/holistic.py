@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Le, Unit
+from jaxtyping import Float
 
 from hlp.arrays import (
     CameraMatrix,
@@ -25,6 +26,8 @@ from hlp.settings import Count, Doc, Settings
 
 _MIN_WEIGHT = 0.01
 _COMPARABLE = 0.1
+MetricSize = float | Float[np.ndarray, "n 1 1"]
+"""Of all windows, or of each."""
 
 
 @dataclass(frozen=True)
@@ -100,12 +103,11 @@ def pixel_grid(shape: tuple[int, int], step: int) -> Pixels:
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def center_depths(depth: Image, pixels: Pixels, radius: int = 1) -> Values:
-    """Median of the depths (m) present in the small square around each pixel; 0 if none is."""
-    padded = np.pad(depth, radius)
-    offsets = range(2 * radius + 1)
+def center_depths(depth: Image, pixels: Pixels) -> Values:
+    """Median of the depths (m) present in the 3 × 3 pixels around each pixel; 0 if none is."""
+    padded = np.pad(depth, 1)
     x, y = pixels[:, 0], pixels[:, 1]
-    near = np.stack([padded[y + dy, x + dx] for dy in offsets for dx in offsets], axis=1)
+    near = np.stack([padded[y + dy, x + dx] for dy in range(3) for dx in range(3)], axis=1)
     near = np.sort(np.where(near > 0, near, np.inf), axis=1)
     present = np.isfinite(near).sum(axis=1)
     middle = near[np.arange(len(near)), np.maximum(present - 1, 0) // 2]
@@ -128,7 +130,7 @@ def metric_windows(
 
 
 def cut_windows(
-    rgb: Rgb, depth: Image, windows: Windows, metric_size: float, resolution: int
+    rgb: Rgb, depth: Image, windows: Windows, metric_size: MetricSize, resolution: int
 ) -> tuple[ColorPatches, DepthCodes]:
     """Colour and depth of windows, resized; depth is coded by `depth_code`."""
     color = sample_squares(rgb, windows.centers, windows.sides, resolution)
@@ -136,7 +138,7 @@ def cut_windows(
     return color, depth_code(raw, windows.depths, metric_size)
 
 
-def depth_code(depth: DepthPatches, center: Values, metric_size: float) -> DepthCodes:
+def depth_code(depth: DepthPatches, center: Values, metric_size: MetricSize) -> DepthCodes:
     """Depth relative to the centre's in units of the metric size, clamped to ±1, as 1…254.
 
     Missing depth becomes 255, next to depth far behind the object: neither is the object.

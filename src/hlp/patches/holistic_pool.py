@@ -142,6 +142,8 @@ def bake_backgrounds(
     colors, depths = [photograph_crops], [np.zeros(photograph_crops.shape[:3], dtype=np.uint8)]
     for group in frames:
         for frame in group:
+            if not (frame.depth > 0).any():
+                continue
             share = count // len(group)
             color, depth = _frame_windows(frame, metric_sizes, resolution, share, rng)
             colors.append(color)
@@ -176,12 +178,7 @@ def _view_windows(
     size = np.where(wrong_scale, np.where(far_scale, other, stretched), size)
     windows = Windows(pixels.astype(np.float64), z, focal * size / z)
     rgb = bleed_color(np.asarray(views.rgb[index]), depth > 0)
-    singles = [windows.at(slice(i, i + 1)) for i in range(count)]
-    cuts = [
-        cut_windows(rgb, depth, single, float(own), resolution)
-        for single, own in zip(singles, size, strict=True)
-    ]
-    color, code = (np.concatenate(parts) for parts in zip(*cuts, strict=True))
+    color, code = cut_windows(rgb, depth, windows, size[:, None, None], resolution)
     labels = np.where(off_center | wrong_scale, BACKGROUND, label)
     return HolisticPool(color, code, code < 255, labels.astype(np.int64))
 
@@ -223,18 +220,11 @@ def _frame_windows(
     rng: np.random.Generator,
 ) -> tuple[ColorPatches, DepthCodes]:
     y, x = np.nonzero(frame.depth > 0)
-    colors = [np.zeros((0, resolution, resolution, 3), np.uint8)]
-    depths = [np.zeros((0, resolution, resolution), np.uint8)]
-    if len(x) == 0:
-        return colors[0], depths[0]
-    focal = float(frame.camera_matrix[0, 0])
-    drawn, shares = np.unique(rng.choice(metric_sizes, count), return_counts=True)
-    for size, share in zip(drawn, shares, strict=True):
-        chosen = rng.integers(len(x), size=share)
-        z = frame.depth[y[chosen], x[chosen]]
-        centers = np.stack([x[chosen], y[chosen]], axis=1).astype(np.float64)
-        windows = Windows(centers, z, focal * size / z)
-        color, code = cut_windows(frame.rgb, frame.depth, windows, float(size), resolution)
-        colors.append(color)
-        depths.append(code)
-    return np.concatenate(colors), np.concatenate(depths)
+    sizes = np.sort(rng.choice(metric_sizes, count))
+    chosen = rng.integers(len(x), size=count)
+    z = frame.depth[y[chosen], x[chosen]]
+    centers = np.stack([x[chosen], y[chosen]], axis=1).astype(np.float64)
+    sides = (float(frame.camera_matrix[0, 0]) * sizes).astype(z.dtype) / z
+    size_of_each = sizes.astype(z.dtype)[:, None, None]
+    windows = Windows(centers, z, sides)
+    return cut_windows(frame.rgb, frame.depth, windows, size_of_each, resolution)

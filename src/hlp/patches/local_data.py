@@ -91,7 +91,7 @@ def degrade_depth(
     depth = depth + noise * level + normal(gen, (n, 1, 1), 0.5) * level
     step = uniform(gen, (n, 1, 1), 0.2, 1.0) * _DEPTH_STEP / half
     depth = torch.round(depth / step) * step
-    occluder = rectangles(gen, n, p, share=0.4, low=0.2, high=0.8)
+    occluder = _rectangles(gen, n, p)
     middle = slice(p // 2 - 2, p // 2 + 2)
     occluder &= ~occluder[:, middle, middle].any(dim=(1, 2))[:, None, None]
     holes = smooth_noise(gen, n, p, 8) > uniform(gen, (n, 1, 1), 1.2, 4.0)
@@ -172,14 +172,14 @@ def vary_camera(color: Tensor, gen: torch.Generator) -> Tensor:
     mean = color.mean(dim=(1, 2, 3), keepdim=True)
     contrast = (1.0 + normal(gen, (n, 1, 1, 1), 0.2)).clamp(min=0.3)
     color.mul_(contrast).add_(mean * (1.0 - contrast))
-    color = blur(color, gen, share=0.5)
+    color = blur(color, gen)
     noise = normal(gen, tuple(color.shape), 1.0)
     noise.mul_(uniform(gen, (n, 1, 1, 1), 0.0, 0.04))
     return color.add_(noise).clamp_(0.0, 1.0)
 
 
-def blur(image: Tensor, gen: torch.Generator, share: float) -> Tensor:
-    """Binomial 3 × 3 blur of about a `share` of the images (n, c, h, w), of half of them twice."""
+def blur(image: Tensor, gen: torch.Generator) -> Tensor:
+    """Binomial 3 × 3 blur of about half of the images (n, c, h, w), of half of them twice."""
     kernel = torch.tensor([0.25, 0.5, 0.25])
     square = (kernel[:, None] * kernel)[None, None].expand(image.shape[1], 1, 3, 3)
 
@@ -189,26 +189,23 @@ def blur(image: Tensor, gen: torch.Generator, share: float) -> Tensor:
 
     drawn = torch.rand(len(image), generator=gen)
     blurred = image.clone()
-    rows = torch.nonzero(drawn < share)[:, 0]
+    rows = torch.nonzero(drawn < 0.5)[:, 0]
     blurred[rows] = smooth(image[rows])
-    again = torch.nonzero(drawn < share / 2)[:, 0]
+    again = torch.nonzero(drawn < 0.25)[:, 0]
     blurred[again] = smooth(blurred[again])
     return blurred
 
 
-def rectangles(
-    gen: torch.Generator, n: int, size: int, share: float, low: float, high: float
-) -> Tensor:
-    """Boolean masks (n, size, size) with a rectangle on about a `share` of them, else empty.
+def _rectangles(gen: torch.Generator, n: int, size: int) -> Tensor:
+    """Boolean masks (n, size, size) with a rectangle on about four of ten, else empty.
 
-    Sides are `low`…`high` of the image's. Most rectangles are cut off by the border, as occluders
-    are in small patches.
+    Most rectangles are cut off by the border, as occluders are in small patches.
     """
-    extent = uniform(gen, (n, 2), low, high)
+    extent = uniform(gen, (n, 2), 0.2, 0.8)
     start = uniform(gen, (n, 2), -0.3, 1.0)
     axis = (torch.arange(size) + 0.5) / size
     inside = (axis > start[..., None]) & (axis < (start + extent)[..., None])
-    drawn = torch.rand(n, generator=gen) < share
+    drawn = torch.rand(n, generator=gen) < 0.4
     return inside[:, 0, :, None] & inside[:, 1, None, :] & drawn[:, None, None]
 
 

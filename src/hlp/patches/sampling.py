@@ -30,13 +30,12 @@ def sample_squares(
     sides: Values,
     resolution: int,
     nearest: bool = False,
-    border: float = 0.0,
 ) -> Num[np.ndarray, "n p p *c"]:
     """Cut squares of `sides` pixels around `centers` (x, y) and resize them to one resolution.
 
     Output pixel i samples the image at centre + ((i + ½)/p − ½)·side. `nearest` does
     not mix pixels, as depth requires; otherwise bilinear from an image halved until the shrink is
-    at most 1.5. Outside the image the value is `border`.
+    at most 1.5. Outside the image the value is 0.
     """
     out = np.empty((len(centers), resolution, resolution, *image.shape[2:]), dtype=image.dtype)
     levels = halvings(sides, resolution, (image.shape[0], image.shape[1]))
@@ -47,7 +46,7 @@ def sample_squares(
         factor = 2**level
         small = area_shrink(image, factor)
         x, y = _sample_positions(centers[rows], sides[rows], resolution, factor)
-        out[rows] = _remap(small, x, y, nearest, border)
+        out[rows] = _remap(small, x, y, nearest)
     return out
 
 
@@ -97,7 +96,6 @@ def _remap(
     x: Float[np.ndarray, "n p"],
     y: Float[np.ndarray, "n p"],
     nearest: bool,
-    border: float,
 ) -> Num[np.ndarray, "n p p *c"]:
     count, resolution = x.shape
     chunk = max(1, _ROWS_PER_REMAP // resolution)
@@ -114,7 +112,6 @@ def _remap(
             np.ascontiguousarray(map_y),
             interpolation,
             borderMode=cv2.BORDER_CONSTANT,
-            borderValue=(border,) * 4,
         )
         parts.append(flat.reshape(*shape, *image.shape[2:]))
     return np.concatenate(parts)

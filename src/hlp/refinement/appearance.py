@@ -16,7 +16,6 @@ from jaxtyping import Bool, Float, Int64
 from hlp.arrays import Flags, Pose, Rgb, Values
 from hlp.image_edges import NO_EDGE, color_edges
 from hlp.refinement.verification import Observation, Verifier
-from hlp.rendering.rasterizer import render_depth
 
 _SIZES = (6, 12, 12)  # classes of lightness, and of both axes of colour
 _WIDTHS = np.array([43, 9, 9])  # of a class
@@ -69,12 +68,8 @@ class FrameColors:
         self, verifier: Verifier, observation: Observation, pose_cam_obj: Pose
     ) -> PartAppearance:
         """The look of the pixels that agree in depth with a pose of the verifier's object."""
-        depth, shape = observation.depth, (observation.depth.shape[0], observation.depth.shape[1])
-        camera = observation.camera_matrix
-        rendered = render_depth(verifier.mesh, pose_cam_obj[None], camera, shape, threads=1)[0]
-        drawn = rendered > 0.0
-        agreeing = drawn & (np.abs(depth - rendered) <= verifier.tau_depth)
-        own_edges = ~drawn | (np.abs(cv2.Laplacian(rendered, cv2.CV_32F)) > _CREASE)
+        agreeing, rendered = verifier.explained(observation, pose_cam_obj)
+        own_edges = (rendered == 0.0) | (np.abs(cv2.Laplacian(rendered, cv2.CV_32F)) > _CREASE)
         inside = agreeing & ~_near(own_edges, _BORDER)
         enough = np.count_nonzero(inside) >= _LEAST_PIXELS
         clutter = float(self.near_edge[inside].mean()) if enough else np.nan

@@ -86,31 +86,29 @@ def refine_and_choose(
     return search.result()
 
 
+@dataclass
 class _InstanceSearch:
     """Refines hypotheses as far as they are needed, and chooses one instance after another."""
 
-    def __init__(
-        self,
-        refiner: Refiner,
-        verifier: Verifier,
-        observation: Observation,
-        hypotheses: Hypotheses,
-        seed: int,
-        unexplained: Observation | None,
-        enter: Callable[[str], None],
-    ) -> None:
+    refiner: Refiner
+    verifier: Verifier
+    observation: Observation
+    hypotheses: Hypotheses
+    seed: int
+    unexplained: Observation | None
+    enter: Callable[[str], None]
+
+    def __post_init__(self) -> None:
         self._begun = time.perf_counter()
-        self._refiner, self._verifier, self._model = refiner, verifier, verifier.model
-        self._observation, self._seed, self._enter = observation, seed, enter
-        self._unexplained = unexplained
-        poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
-        usable = np.flatnonzero(refinable(poses, self._model.centroid))
-        found = verifier.evidence(observation, poses[usable])
-        costs = verifier.weigh(found)
+        self._model = self.verifier.model
+        self._support = self.hypotheses.support
+        self._poses = np.asarray(self.hypotheses.poses_cam_obj, dtype=np.float64)
+        usable = np.flatnonzero(refinable(self._poses, self._model.centroid))
+        found = self.verifier.evidence(self.observation, self._poses[usable])
+        costs = self.verifier.weigh(found)
         ranking = np.argsort(costs, kind="stable")
-        ranking = ranking[verifier.are_likely(costs, hypotheses.support[usable])[ranking]]
+        ranking = ranking[self.verifier.are_likely(costs, self._support[usable])[ranking]]
         self._order, self._evidence = usable[ranking], found.rows(ranking)
-        self._poses, self._support = poses, hypotheses.support
         self._refined: list[Refinement] = []
         self._sources: list[int] = []
         self._seeds: list[tuple[int, int]] = []
@@ -128,9 +126,9 @@ class _InstanceSearch:
     def choose_next(self, candidates: int) -> Pose | None:
         """Refine what may be the next instance, choose one, search again about it; None if none."""
         if self._instances:
-            before = self._observation if self._unexplained is None else self._unexplained
+            before = self.observation if self.unexplained is None else self.unexplained
             last = self._refined[self._instances[-1]].pose_cam_obj
-            self._unexplained = self._verifier.without_explained(before, last)
+            self.unexplained = self.verifier.without_explained(before, last)
         self._refine(candidates)
         added = np.full(len(self._refined) - len(self._costs), np.inf)
         self._costs = np.append(self._costs, added)
@@ -141,7 +139,7 @@ class _InstanceSearch:
         row = int(rows[np.argmin(self._costs[rows])])
         if len(self._model.near_symmetries) > 0:
             refined = self._refined[row]
-            pose = choose_by_texture(self._observation, self._model, refined.pose_cam_obj)
+            pose = choose_by_texture(self.observation, self._model, refined.pose_cam_obj)
             self._refined[row] = replace(refined, pose_cam_obj=pose)
             self._costs[rows] = self._competing_costs(rows)
         self._search_again(row, rows)
@@ -150,23 +148,23 @@ class _InstanceSearch:
 
     def _refine(self, candidates: int) -> None:
         """Refine free hypotheses in order of cost until the next one is hopeless."""
-        coarse_costs = self._verifier.weigh(self._evidence)
+        coarse_costs = self.verifier.weigh(self._evidence)
         free = self._is_free(self._poses[self._order], self._evidence)
         free &= ~np.isin(self._order, self._sources)
         order, coarse_costs = self._order[free][:candidates], coarse_costs[free]
         lowest = self._lowest_cost(self._refined_poses(self._free_refined()))
         for start in range(0, len(order), _BATCH):
-            if coarse_costs[start] - self._verifier.settings.max_improvement > lowest:
+            if coarse_costs[start] - self.verifier.settings.max_improvement > lowest:
                 break
             rows = order[start : start + _BATCH]
             batch = Hypotheses(self._poses[rows], self._support[rows])
             # The refiner numbers each batch's hypotheses from 0.
-            batch_seed = self._seed + len(self._refined)
-            self._enter("refine")
-            found = self._refiner.refine(
-                self._model, self._observation, batch, batch_seed, self._spent()
+            batch_seed = self.seed + len(self._refined)
+            self.enter("refine")
+            found = self.refiner.refine(
+                self._model, self.observation, batch, batch_seed, self._spent()
             )
-            self._enter("verify")
+            self.enter("verify")
             self._refined += found
             self._sources += rows.tolist()
             self._seeds += [(batch_seed, number) for number in range(len(rows))]
@@ -179,11 +177,11 @@ class _InstanceSearch:
         It may fit less well, because the refiner's cost is not the verifier's.
         """
         before = self._refined[row]
-        self._enter("second_search")
-        self._refined[row] = self._refiner.second_search(
-            self._model, self._observation, before, self._seed, self._spent()
+        self.enter("second_search")
+        self._refined[row] = self.refiner.second_search(
+            self._model, self.observation, before, self.seed, self._spent()
         )
-        self._enter("verify")
+        self.enter("verify")
         cost = self._competing_costs(rows)[np.flatnonzero(rows == row)[0]]
         if cost > self._costs[row]:
             self._refined[row] = before
@@ -191,13 +189,13 @@ class _InstanceSearch:
             self._costs[row] = cost
 
     def _lowest_cost(self, poses_cam_obj: Poses) -> float:
-        costs = self._verifier.costs(self._observation, poses_cam_obj)
+        costs = self.verifier.costs(self.observation, poses_cam_obj)
         return float(costs.min(initial=np.inf))
 
     def _competing_costs(self, rows: Rows) -> Values:
         support = self._support[np.array(self._sources)[rows]]
         poses = self._refined_poses(rows)
-        return self._verifier.competing_costs(self._observation, poses, support)
+        return self.verifier.competing_costs(self.observation, poses, support)
 
     def _free_refined(self) -> Rows:
         """Rows of refined poses that are neither chosen nor stand on pixels of chosen ones."""
@@ -206,11 +204,11 @@ class _InstanceSearch:
         return np.flatnonzero(free)
 
     def _is_free(self, poses_cam_obj: Poses, evidence: Evidence | None) -> Flags:
-        if self._unexplained is None:
+        if self.unexplained is None:
             return np.ones(len(poses_cam_obj), dtype=bool)
         if evidence is None:
-            evidence = self._verifier.evidence(self._observation, poses_cam_obj)
-        return self._verifier.is_free(self._unexplained, poses_cam_obj, evidence)
+            evidence = self.verifier.evidence(self.observation, poses_cam_obj)
+        return self.verifier.is_free(self.unexplained, poses_cam_obj, evidence)
 
     def _refined_poses(self, rows: Rows) -> Poses:
         poses = [self._refined[row].pose_cam_obj for row in rows]

@@ -27,9 +27,6 @@ from hlp.rendering.zbuffer import (
 )
 from hlp.settings import Doc, NotNegative, Positive, Settings
 
-EdgeDistance = Float32[np.ndarray, "4 h w"]
-"""Distance (px) to edges of each direction: see `verification.Observation`."""
-
 
 @dataclass(frozen=True)
 class CostSettings(Settings):
@@ -81,6 +78,7 @@ class DepthCost:
     A mean over the rendered pixels favours poses in which little of the object is visible.
     Therefore pixels where the coarse pose agreed with O within `reference_mm`, but which the
     candidate does not cover, enter the mean of C_d with `uncovered_cost` (0 turns this off).
+    `edge_distance` is that of `verification.Observation`; by default C_e knows depth alone.
     """
 
     def __init__(
@@ -90,7 +88,7 @@ class DepthCost:
         camera_matrix: CameraMatrix,
         pose_cam_obj: Pose,
         settings: CostSettings,
-        edge_distance: EdgeDistance | None = None,
+        edge_distance: Float32[np.ndarray, "4 h w"] | None = None,
     ) -> None:
         self._mesh = prepare_mesh(mesh)
         points = transform(pose_cam_obj, mesh.vertices)

@@ -7,15 +7,16 @@ search. The model's visible surface points come from a rendering at the current 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+import cv2
 import numpy as np
 from annotated_types import Ge, Le
-from jaxtyping import Float
 
-from hlp.arrays import CameraMatrix, Image, Points, Pose
-from hlp.geometry import back_project, rigid, transform
+from hlp.arrays import Points, Pose
+from hlp.geometry import rigid, transform
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
+from hlp.refinement.refiner import REFINERS, Refiner, cost_around
+from hlp.refinement.texture_kernel import surface_and_normals
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Count, Doc, NotNegative, Positive, Settings, Share
 
@@ -60,7 +61,7 @@ class IcpRefiner(Refiner):
     ) -> list[Refinement]:
         """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
         refined = []
-        for pose in checked_poses(hypotheses, model):
+        for pose in hypotheses.poses_cam_obj:
             cost = cost_around(model, observation, pose, self._settings.cost)
             best, iterations = align(cost, pose, self._settings)
             refined.append(Refinement(best, iterations))
@@ -77,7 +78,10 @@ def align(cost: DepthCost, pose_cam_obj: Pose, settings: IcpSettings) -> tuple[P
     from scipy.spatial import cKDTree
 
     pose = np.array(pose_cam_obj, dtype=np.float64)
-    observed = _points(cost.observed, cost.camera_matrix)[cost.observed > 0.0]
+    seen = cost.observed > 0.0
+    observed, _ = surface_and_normals(
+        cost.observed, seen, np.count_nonzero(seen), cost.camera_matrix
+    )
     if len(observed) == 0:
         return pose, 0
     tree = cKDTree(observed)
@@ -104,19 +108,14 @@ def align(cost: DepthCost, pose_cam_obj: Pose, settings: IcpSettings) -> tuple[P
 def _surface(cost: DepthCost, pose_cam_obj: Pose, count: int) -> tuple[Points, Points]:
     """About `count` visible points of the model, spread evenly in the image, and unit normals."""
     rendered = cost.render(pose_cam_obj)
-    points = _points(rendered, cost.camera_matrix)
-    across, down = np.zeros_like(points), np.zeros_like(points)
-    across[:, 1:-1] = points[:, 2:] - points[:, :-2]
-    down[1:-1] = points[2:] - points[:-2]
-    inside = np.zeros(rendered.shape, dtype=np.bool_)
-    drawn = rendered > 0.0
-    inside[1:-1, 1:-1] = drawn[1:-1, 1:-1] & drawn[1:-1, 2:] & drawn[1:-1, :-2]
-    inside[1:-1] &= drawn[2:, :][: len(inside) - 2] & drawn[:-2]
-    normals = np.cross(across[inside], down[inside])
-    length = np.linalg.norm(normals, axis=1)
-    keep = np.flatnonzero(length > 0.0)
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    inside = cv2.erode((rendered > 0.0).view(np.uint8), cross) > 0
+    points, normals = surface_and_normals(
+        rendered, inside, np.count_nonzero(inside), cost.camera_matrix
+    )
+    keep = np.flatnonzero(normals.any(axis=1))
     keep = keep[:: max(len(keep) // count, 1)]
-    return points[inside][keep], normals[keep] / length[keep, None]
+    return points[keep], normals[keep]
 
 
 def _step(points: Points, normals: Points, targets: Points) -> Pose:
@@ -132,8 +131,3 @@ def _step(points: Points, normals: Points, targets: Points) -> Pose:
     solution = np.linalg.lstsq(jacobian, residual, rcond=1e-4)[0]
     rotation = Rotation.from_rotvec(solution[:3]).as_matrix()
     return rigid(rotation, middle + solution[3:] - rotation @ middle)
-
-
-def _points(depth: Image, camera_matrix: CameraMatrix) -> Float[np.ndarray, "h w 3"]:
-    y, x = np.indices(depth.shape, dtype=np.float64)
-    return back_project(np.stack([x, y], axis=-1), depth, camera_matrix)

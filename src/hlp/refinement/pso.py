@@ -12,7 +12,7 @@ from hlp.arrays import Point, Pose, Poses, Values
 from hlp.kernels import ThreadTeam, compiled, threads_here
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
+from hlp.refinement.refiner import REFINERS, Refiner, cost_around
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Doc, NotNegative, Settings, SettingsError
 
@@ -30,7 +30,7 @@ class SecondSearchSettings(Settings):
 
 
 @dataclass(frozen=True)
-class FollowSettings(Settings):
+class FollowSettings(SecondSearchSettings):
     """The search about the last pose of an object that is tracked (D).
 
     Chosen on rendered sequences: with 25 particles it takes 1.7 times as long and is right as often
@@ -38,9 +38,6 @@ class FollowSettings(Settings):
     """
 
     particles: Annotated[int, Ge(1), Le(10_000), Doc("number of particles (D)")] = 15
-    theta_deg: Annotated[NotNegative, Doc("half the side of the box in rotation (D)")] = 3.0
-    tau_mm: Annotated[NotNegative, Doc("half the side of the box in translation (D)")] = 3.0
-    patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D)")] = 6
 
 
 @REFINERS.register
@@ -117,7 +114,7 @@ class PsoRefiner(Refiner):
         (`budget_ms`) the remaining time is divided evenly among the remaining hypotheses; those
         not begun when it is used up stay as they are. Poses are then not reproducible.
         """
-        poses = checked_poses(hypotheses, model)
+        poses = hypotheses.poses_cam_obj
         # Threads refine whole hypotheses: one iteration is too short to be divided.
         at_once = min(threads_here(self._threads), len(poses))
         end = time.perf_counter() + self._remaining(spent)
@@ -153,9 +150,8 @@ class PsoRefiner(Refiner):
         self, model: ObjectModel, observation: Observation, pose_cam_obj: Pose, seed: int
     ) -> Refinement:
         """See `Refiner.follow`: one search with fewer particles in a smaller box."""
-        (pose,) = checked_poses(Hypotheses(pose_cam_obj[None], np.ones(1)), model)
         settings = replace(self._settings, **vars(self._settings.follow))
-        return _search(model, observation, pose, settings, (seed, _FOLLOW_STREAM))
+        return _search(model, observation, pose_cam_obj, settings, (seed, _FOLLOW_STREAM))
 
     def _remaining(self, spent: float) -> float:
         """Remaining seconds of the budget; infinite without a budget."""

@@ -23,11 +23,10 @@ class Refiner(Protocol):
         seed: int,
         spent: float = 0.0,
     ) -> list[Refinement]:
-        """One refinement per hypothesis, in the same order.
+        """One refinement per hypothesis, in the same order; all are `refinable`.
 
         `spent` (s) is the part of the refiner's time budget that is already used. Without a budget,
-        equal inputs and seeds give equal poses. Raises ValueError naming a hypothesis that is not
-        finite or whose centroid is behind the camera.
+        equal inputs and seeds give equal poses.
         """
 
     def second_search(
@@ -94,17 +93,6 @@ def refinable(poses_cam_obj: Poses, centroid: Point) -> Flags:
     return np.asarray(np.isfinite(poses_cam_obj).all(axis=(1, 2)) & (depths > 0.0))
 
 
-def checked_poses(hypotheses: Hypotheses, model: ObjectModel) -> Poses:
-    """The coarse poses as float64. Raises ValueError naming the first that is not `refinable`."""
-    poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
-    bad = np.flatnonzero(~refinable(poses, model.centroid))
-    if len(bad):
-        finite = np.isfinite(poses[bad[0]]).all()
-        problem = "puts the object behind the camera" if finite else "is not finite (nan or inf)"
-        raise ValueError(f"hypothesis {bad[0]}: pose_cam_obj {problem}")
-    return poses
-
-
 @REFINERS.register
 @dataclass(frozen=True)
 class NoneSettings(Settings):
@@ -130,4 +118,4 @@ class NoneRefiner(Refiner):
         spent: float = 0.0,
     ) -> list[Refinement]:
         """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
-        return [Refinement(pose, 0) for pose in checked_poses(hypotheses, model)]
+        return [Refinement(pose, 0) for pose in hypotheses.poses_cam_obj]

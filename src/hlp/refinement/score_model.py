@@ -8,7 +8,7 @@ colours agree better than a camera's, so rendered scenes cannot say by how much.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
 
@@ -17,9 +17,9 @@ from jaxtyping import Float
 
 from hlp.arrays import Flags
 from hlp.errors import DataError, MissingFileError
-from hlp.files import read_json, write_json
+from hlp.files import write_json
 from hlp.refinement.pose_fit import PoseFit
-from hlp.settings import Stored, stored_as
+from hlp.settings import Stored, read_as
 
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
@@ -36,16 +36,16 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 
 
 @dataclass(frozen=True)
-class ScoreModel:
+class ScoreModel(Stored):
     """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
     s = bias + cost·c + shape·z + edge·e + hidden·h + a - d, where c is the verification cost, e the
     distance of the outline to edges of the image, h the hidden fraction, a what the appearance
-    tells, and d = color times how much the colours contradict. z is the mean Fisher transform
-    artanh(r) of the correlations r of depth and slope, drawn to a neutral value where the model
-    itself is nearly a plane. `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0:
-    the score never falls when the fit is better. An object of which less than `least_visible` is
-    seen is not found: its score is below `MIN_SCORE`, in proportion.
+    tells, and d how much the colours contradict. z is the mean Fisher transform artanh(r) of the
+    correlations r of depth and slope, drawn to a neutral value where the model itself is nearly a
+    plane. `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls
+    when the fit is better. An object of which less than 0.3 is seen is not found: its score is
+    below `MIN_SCORE`, in proportion.
     """
 
     bias: float
@@ -53,17 +53,18 @@ class ScoreModel:
     shape: float
     edge: float = 0.0
     hidden: float = 0.0
-    color: float = _CONTRADICTION
-    least_visible: float = _LEAST_VISIBLE
 
     def score(self, fit: PoseFit) -> float:
         """The probability that a pose with this fit is right."""
-        logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]])
-        logit += fit.appearance - self.color * _contradiction(fit)
-        score = float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
-        if fit.visible_fraction < self.least_visible:
-            score = min(score, MIN_SCORE * fit.visible_fraction / self.least_visible)
+        score = self._probability(fit, _CONTRADICTION * _contradiction(fit))
+        if fit.visible_fraction < _LEAST_VISIBLE:
+            score = min(score, MIN_SCORE * fit.visible_fraction / _LEAST_VISIBLE)
         return score
+
+    def _probability(self, fit: PoseFit, contradiction: float = 0.0, more: float = 0.0) -> float:
+        logit = self.weights(more) @ np.array([1.0, *_inputs([fit])[0]])
+        logit += fit.appearance - contradiction
+        return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
     def scores(self, fits: Sequence[PoseFit], known_present: bool = False) -> list[float]:
         """The scores of the answers to all instances of the object in an image.
@@ -75,11 +76,9 @@ class ScoreModel:
         """
         if not known_present:
             return [self.score(fit) for fit in fits]
-        known = replace(self, color=0.0, least_visible=0.0)
 
         def raised(more: float) -> list[float]:
-            model = replace(known, bias=known.bias + more)
-            return [model.score(fit) for fit in fits]
+            return [self._probability(fit, more=more) for fit in fits]
 
         highest = _logit(PRESENT_SHARE) - _logit(RIGHT_SHARE)
         if not self.colorless or not fits or fmean(raised(highest)) <= FOUND_SHARE:
@@ -95,9 +94,9 @@ class ScoreModel:
         """Whether it is that of an object without colours, for which edges of the image count."""
         return self.edge < 0.0
 
-    def weights(self) -> Float[np.ndarray, "5"]:
-        """Bias, cost, shape, edge and hidden, in this order."""
-        return np.array([self.bias, self.cost, self.shape, self.edge, self.hidden])
+    def weights(self, more: float = 0.0) -> Float[np.ndarray, "5"]:
+        """Bias and what is added to it, cost, shape, edge and hidden, in this order."""
+        return np.array([self.bias + more, self.cost, self.shape, self.edge, self.hidden])
 
 
 PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
@@ -158,39 +157,17 @@ def fit_score_model(
     return ScoreModel(bias, min(cost, 0.0), max(shape, 0.0), min(edge, 0.0), min(hidden, 0.0))
 
 
-@dataclass(frozen=True)
-class _Weights(Stored):
-    """What score.json must say."""
-
-    bias: float
-    cost: float
-    shape: float
-    edge: float
-    hidden: float
-
-
 def save_score_model(folder: Path, model: ScoreModel) -> None:
     """Write the weights into a folder."""
-    names = [field.name for field in fields(_Weights)]
-    write_json(folder / _FILE, {name: getattr(model, name) for name in names})
+    write_json(folder / _FILE, asdict(model))
 
 
 def load_score_model(folder: Path) -> ScoreModel:
     """Read what `save_score_model` wrote. Raises MissingFileError and DataError naming the file."""
-    path = folder / _FILE
-    if not path.is_file():
-        raise MissingFileError(f"{path} is missing: learn the object again")
     try:
-        content = read_json(path)
-        if isinstance(content, dict):
-            content = {"edge": 0.0, "hidden": 0.0, **content}  # 0.2.0 had none
-        stated = stored_as(_Weights, content, str(path))
-    except DataError as error:
-        raise DataError(f"{error}: it is damaged, learn the object again") from error
-    weights = [stated.bias, stated.cost, stated.shape, stated.edge, stated.hidden]
-    if not np.isfinite(weights).all():
-        raise DataError(f"{path} is damaged (not finite): learn the object again")
-    return ScoreModel(*weights)
+        return read_as(folder / _FILE, ScoreModel)
+    except (DataError, MissingFileError) as error:
+        raise type(error)(f"{error}: learn the object again") from error
 
 
 def _logit(share: float) -> float:

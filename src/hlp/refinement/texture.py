@@ -7,7 +7,8 @@ the full texture. Colours are compared as logarithms, after light, shading and w
 fitted; differences count up to a limit, because highlights and occluders are not in the texture.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -37,8 +38,7 @@ _NEAR = np.radians(30.0)  # how far an object may turn between two frames of a s
 _PARTS = np.array([0.0, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6])  # of such a step
 
 
-@dataclass(frozen=True)
-class ColorAgreement:
+class ColorAgreement(NamedTuple):
     """How well an image's colours agree with those of the object at a pose.
 
     `correlation` in [-1, 1] compares, pixel by pixel, chroma (the colours' logarithms minus their
@@ -167,8 +167,7 @@ def _seen_surface(
     count = int(np.count_nonzero(used))
     if count < _MIN_PIXELS:
         return None
-    surface, normals = np.empty((count, 3)), np.empty((count, 3))
-    surface_and_normals(rendered, used, camera, surface, normals)
+    surface, normals = surface_and_normals(rendered, used, count, camera)
     light, _ = np.linalg.qr(np.concatenate([np.ones((count, 1)), normals], axis=1))
     points = transform(inverse(pose_cam_obj), surface)
     colors = np.log(rgb[used] + np.float32(_OFFSET))

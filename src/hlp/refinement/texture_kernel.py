@@ -11,27 +11,24 @@ from hlp.kernels import compiled
 
 @compiled()
 def surface_and_normals(
-    depth: Image,
-    used: Mask,
-    camera: CameraMatrix,
-    points: Float[np.ndarray, "p 3"],
-    normals: Float[np.ndarray, "p 3"],
-) -> None:
-    """Fill the points (m, camera coordinates) that the used pixels show, row by row, and normals.
+    depth: Image, used: Mask, count: int, camera: CameraMatrix
+) -> tuple[Points, Points]:
+    """Points (m, camera coordinates) that the `count` used pixels show, row by row, and normals.
 
     Normals are of length 1, from the neighbours of each pixel; at the image's border from one
     direction alone, so 0.
     """
     height, width = depth.shape
+    points, normals = np.empty((count, 3)), np.empty((count, 3))
     left, right, above, below = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    count = 0
+    row = 0
     for y in range(height):
         for x in range(width):
             if not used[y, x]:
                 continue
-            _back_project(x, y, depth, camera, points[count])
-            normal = normals[count]
-            count += 1
+            _back_project(x, y, depth, camera, points[row])
+            normal = normals[row]
+            row += 1
             if not (0 < x < width - 1 and 0 < y < height - 1):
                 normal[:] = 0.0
                 continue
@@ -48,6 +45,7 @@ def surface_and_normals(
             squared = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]
             for k in range(3):
                 normal[k] /= max(np.sqrt(squared), 1e-12)
+    return points, normals
 
 
 @compiled(inline="always")

@@ -223,16 +223,17 @@ class Verifier:
         costs -= self.settings.support_cost * np.log(np.maximum(share, _MIN_SHARE))
         return np.asarray(np.minimum(costs, WORST))
 
-    def without_explained(self, observation: Observation, pose_cam_obj: Pose) -> Observation:
-        """The image without depth where the object at this pose explains it.
-
-        Explained are the pixels of its silhouette that agree in depth up to τ_d.
-        """
+    def explained(self, observation: Observation, pose_cam_obj: Pose) -> tuple[Mask, Image]:
+        """Pixels whose depth the object at a pose explains, up to τ_d; and its depth alone."""
         depth, camera = observation.depth, observation.camera_matrix
         shape = depth.shape[0], depth.shape[1]
         rendered = render_depth(self.mesh, pose_cam_obj[None], camera, shape, threads=1)[0]
-        explained = (rendered > 0.0) & (np.abs(depth - rendered) <= self.tau_depth)
-        return replace(observation, depth=np.where(explained, np.float32(0.0), depth))
+        return (rendered > 0.0) & (np.abs(depth - rendered) <= self.tau_depth), rendered
+
+    def without_explained(self, observation: Observation, pose_cam_obj: Pose) -> Observation:
+        """The image without depth where the object at this pose explains it."""
+        explained, _ = self.explained(observation, pose_cam_obj)
+        return replace(observation, depth=np.where(explained, np.float32(0.0), observation.depth))
 
     def is_free(self, unexplained: Observation, poses_cam_obj: Poses, evidence: Evidence) -> Flags:
         """Whether more than half of the pixels that agree with each pose are still unexplained.

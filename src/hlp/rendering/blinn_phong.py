@@ -133,21 +133,17 @@ class _SingleSampleRenderer(pyrender.Renderer):  # type: ignore[misc]
 
 
 class BlinnPhongScene:
-    """One OpenGL context and the meshes uploaded to it, of which one is shown at a time.
+    """One OpenGL context and the mesh uploaded to it, until another one is to be shown."""
 
-    Keeps at most `capacity` meshes and drops the least recently shown.
-    """
-
-    def __init__(self, capacity: int) -> None:
+    def __init__(self) -> None:
         self._window = pyrender.OffscreenRenderer(1, 1)
         self._renderer = _SingleSampleRenderer(1, 1)
         self._window._renderer = self._renderer
         self._scene = pyrender.Scene(bg_color=(0.0, 0.0, 0.0, 0.0))
         self._camera = pyrender.IntrinsicsCamera(1.0, 1.0, 0.0, 0.0)
         self._scene.add(self._camera, pose=_CAMERA_POSE)
-        self._capacity = capacity
-        # Holding the mesh itself keeps its id from being reused.
-        self._nodes: dict[int, tuple[Mesh, pyrender.Node]] = {}
+        self._mesh: Mesh | None = None
+        self._node: pyrender.Node | None = None
 
     def render(
         self,
@@ -172,21 +168,16 @@ class BlinnPhongScene:
         return rgb, depth
 
     def _show(self, mesh: Mesh) -> pyrender.Node:
-        """The node of the mesh, uploaded if it is new; it becomes the only visible one."""
-        kept = self._nodes.pop(id(mesh), None) or (mesh, self._upload(mesh))
-        self._nodes[id(mesh)] = kept
-        while len(self._nodes) > self._capacity:
-            _, oldest = self._nodes.pop(next(iter(self._nodes)))
-            self._scene.remove_node(oldest)
-        for _, node in self._nodes.values():
-            node.mesh.is_visible = node is kept[1]
-        return kept[1]
-
-    def _upload(self, mesh: Mesh) -> pyrender.Node:
-        primitive = pyrender.Primitive(
-            positions=mesh.vertices,
-            normals=mesh.normals,
-            color_0=np.concatenate([mesh.colors / 255.0, np.ones((len(mesh.colors), 1))], axis=1),
-            indices=mesh.faces,
-        )
-        return self._scene.add(pyrender.Mesh([primitive]))
+        """The node of the mesh, which replaces the one before."""
+        if mesh is not self._mesh:
+            if self._node is not None:
+                self._scene.remove_node(self._node)
+            opaque = np.ones((len(mesh.colors), 1))
+            primitive = pyrender.Primitive(
+                positions=mesh.vertices,
+                normals=mesh.normals,
+                color_0=np.concatenate([mesh.colors / 255.0, opaque], axis=1),
+                indices=mesh.faces,
+            )
+            self._mesh, self._node = mesh, self._scene.add(pyrender.Mesh([primitive]))
+        return self._node

@@ -20,7 +20,6 @@ from hlp.rendering.rasterizer import Light
 _Picture = tuple[Rgb, Image]
 
 _NEAR = 0.01  # m: near clipping plane
-_MESHES_KEPT = 16
 _INSTALL = (
     "OpenGL cannot start. Install the system packages libegl1 libgl1 libxrender1 "
     "(`apt-get install libegl1 libgl1 libxrender1`), or set rendering=numba"
@@ -73,14 +72,12 @@ def render_rgbd(
 ) -> _Picture:
     """Colour (black where nothing is) and depth (m, 0 = nothing) of one mesh in one pose.
 
-    The mesh is uploaded on first use and recognised by identity: do not change its arrays.
-    Raises RuntimeError if OpenGL cannot run, ValueError on a pose that is not finite.
+    A mesh that is not the last one is uploaded: draw all poses of one before the next.
+    Raises RuntimeError if OpenGL cannot run.
     """
     draw, problem = _context().draw, opengl_problem()
     if draw is None or problem is not None:
         raise RuntimeError(problem)
-    if not np.isfinite(pose_cam_obj).all():
-        raise ValueError("pose_cam_obj is not finite (nan or inf)")
     # With a tight depth range the 24-bit buffer resolves far less than a micrometre.
     z = mesh.vertices @ pose_cam_obj[2, :3] + pose_cam_obj[2, 3]
     margin = 1e-3 * float(np.ptp(z)) + 1e-4
@@ -108,6 +105,6 @@ def _start() -> _Context:
     from OpenGL.error import Error  # type: ignore[import-untyped]
 
     try:
-        return _Context(BlinnPhongScene(_MESHES_KEPT).render, None)
+        return _Context(BlinnPhongScene().render, None)
     except (Error, AssertionError, AttributeError, OSError, RuntimeError, ValueError) as error:
         return _Context(None, f"{_INSTALL} ({type(error).__name__}: {error})")

@@ -191,11 +191,9 @@ def render_scene(
 ) -> tuple[Rgb, Image, Int[np.ndarray, "h w"]]:
     """Colour, depth (m) and the index of the part seen at each pixel (-1 = nothing).
 
-    `parts` are meshes with their poses, drawn into one z-buffer. Raises ValueError if there is no
-    part, or on a pose that is not finite.
+    `parts` are meshes with their poses, at least one, drawn into one z-buffer. Raises ValueError on
+    a pose that is not finite.
     """
-    if not parts:
-        raise ValueError("render_scene needs at least one (mesh, pose) to draw")
     poses = np.stack([np.asarray(pose, dtype=np.float64) for _, pose in parts])
     _require_finite(poses)
     meshes = [mesh for mesh, _ in parts]

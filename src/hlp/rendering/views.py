@@ -33,7 +33,6 @@ def thomson(count: int, seed: int) -> Points:
 
     Starts from uniform random directions and finds a local minimum. Its energy is within 0.01 % of
     the best known (Wales & Ulker 2006) for the counts tested, 2 to 400.
-    Raises ValueError if `count` < 1.
     """
     return _relax(_random_directions(count, seed), mirrored=False)
 
@@ -43,7 +42,6 @@ def hemisphere(count: int, seed: int) -> Points:
 
     Each charge has a mirror image below the equator, so this is the upper half of a symmetric
     solution for 2·count charges: the lowest ring stays half a spacing above the equator.
-    Raises ValueError if `count` < 1.
     """
     start = _random_directions(count, seed)
     start[:, 2] = np.abs(start[:, 2])
@@ -78,8 +76,6 @@ def turns_in_plane(angles: Values) -> Float[np.ndarray, "n 3 3"]:
 
 
 def _random_directions(count: int, seed: int) -> Points:
-    if count < 1:
-        raise ValueError(f"the number of viewpoints must be at least 1, got {count}")
     points = np.random.default_rng(seed).normal(size=(count, 3))
     return np.asarray(points / np.linalg.norm(points, axis=1, keepdims=True))
 

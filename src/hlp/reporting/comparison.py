@@ -3,21 +3,20 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
-import pandas as pd
 
 from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.summary_tables import METRIC_LABELS
-from hlp.reporting.table import Table, check_layout, lay_out, prose
+from hlp.reporting.table import Table, format_share, lay_out, prose
 from hlp.results.poses_file import read_scores
 from hlp.results.recalls import (
     METRICS,
     TargetKey,
     blocks_of,
     difference_interval,
-    median_difference_interval,
     numbered_targets,
 )
 
@@ -33,7 +32,7 @@ EXPLAINED = (
 WELL_VISIBLE = 0.6
 """Visible fraction from which a target counts as well visible."""
 Difference = tuple[float, tuple[float, float]]
-"""A difference of two means or medians, and its 95 % interval."""
+"""A difference of two means, and its 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -67,19 +66,23 @@ def recall_of(targets: Sequence[ScoredTarget], metric: str) -> float:
     return float(np.mean([target.correct(metric) for target in targets]))
 
 
-def difference_cells(found: Difference, form: str = "{:+.3f}") -> list[str]:
+def difference_cells(found: Difference) -> list[str]:
     """A difference and its interval as they stand in tables: `+0.100`, `-0.012 to +0.210`."""
-    value, low, high = map(form.format, (found[0], *found[1]))
+    value, low, high = with_ends(found)
     return [value, f"{low} to {high}"]
+
+
+def with_ends(found: Difference | None) -> list[str]:
+    """A difference and the ends of its interval, as in figures.csv; empty without one."""
+    return [f"{value:+.3f}" for value in (found[0], *found[1])] if found else [""] * 3
 
 
 def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str) -> str:
     """Tables of the differences between two runs, given their `scores.csv`.
 
-    Raises FileNotFoundError without a file; ValueError for a broken one, for runs that have no
-    target in common and for a `layout` that is not `text` or `markdown`.
+    Raises MissingFileError without a file; DataError for a broken one, and for runs that have no
+    target in common.
     """
-    check_layout(layout)
     scores = (read_targets(first), read_targets(second))
     shared = sorted(scores[0].keys() & scores[1].keys())
     if not shared:
@@ -91,7 +94,7 @@ def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str)
     pairs = [(target, scores[0][target], scores[1][target]) for target in shared]
     for metric, label in METRIC_LABELS.items():
         table = differences_table(pairs, metric)
-        shown = table.without("targets").fitted(0) if layout == "text" else table
+        shown = table.without("targets") if layout == "text" else table
         parts.append(f"{label}\n\n{lay_out(shown, layout)}")
     changes = changes_table(pairs)
     if not changes.rows:
@@ -115,15 +118,15 @@ def differences_table(pairs: Sequence[Pair], metric: str) -> Table:
         groups["all targets"] = [*pairs]
     rows = []
     for name, group in groups.items():
-        first = np.array([before.correct(metric) for _, before, _ in group])
-        second = np.array([after.correct(metric) for _, _, after in group])
-        blocks = blocks_of([target[:2] for target, _, _ in group])
-        ends = difference_interval(first, second, blocks, RESAMPLINGS, SEED)
-        lost, gained = int((first & ~second).sum()), int((second & ~first).sum())
-        recalls = [f"{first.mean():.3f}", f"{second.mean():.3f}"]
-        difference = difference_cells((second.mean() - first.mean(), ends))
+        first = {target: float(before.correct(metric)) for target, before, _ in group}
+        second = {target: float(after.correct(metric)) for target, _, after in group}
+        found = paired_difference(first, second)
+        assert found is not None
+        changes = [second[target] - first[target] for target in first]
+        lost, gained = changes.count(-1.0), changes.count(1.0)
+        recalls = [format_share(fmean(verdicts.values())) for verdicts in (first, second)]
         changed = [str(lost), str(gained), f"{mcnemar_exact(lost, gained):.3g}"]
-        rows.append([name, str(len(group)), *recalls, *difference, *changed])
+        rows.append([name, str(len(group)), *recalls, *difference_cells(found), *changed])
     return Table(["object", "targets", "A", "B", "B - A", "95 %", "only A", "only B", "p"], rows)
 
 
@@ -141,23 +144,17 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
 
 
 def paired_difference(
-    first: Mapping[TargetKey, float],
-    second: Mapping[TargetKey, float],
-    *,
-    medians: bool = False,
+    first: Mapping[TargetKey, float], second: Mapping[TargetKey, float]
 ) -> Difference | None:
-    """Second's mean (`medians`: its median) minus first's over the targets of both.
+    """Second's mean minus first's over the targets of both; None if they have none in common.
 
-    None if they have no target in common. The interval is that of `difference_interval`.
+    The interval is that of `difference_interval`.
     """
     shared = sorted(first.keys() & second.keys())
     if not shared:
         return None
     before, after = (np.array([values[key] for key in shared]) for values in (first, second))
     blocks = blocks_of([key[:2] for key in shared])
-    if medians:
-        ends = median_difference_interval(before, after, blocks, RESAMPLINGS, SEED)
-        return float(np.median(after) - np.median(before)), ends
     ends = difference_interval(before, after, blocks, RESAMPLINGS, SEED)
     return float(after.mean() - before.mean()), ends
 
@@ -178,18 +175,3 @@ def mcnemar_exact(lost: int, gained: int) -> float:
 
     changed = lost + gained
     return 1.0 if changed == 0 else float(binomtest(lost, changed, 0.5).pvalue)
-
-
-def mean_and_spread(
-    repeats: Sequence[Mapping[str, float | None]],
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Means of shares over two or more repeats, and their standard deviations, as text by name.
-
-    Empty for a share that one of the repeats does not know.
-    """
-    table = pd.DataFrame(repeats, dtype=float)
-    means, spreads = table.mean(skipna=False).items(), table.std(skipna=False).items()
-    return (
-        {str(name): "" if np.isnan(mean) else f"{mean:.3f}" for name, mean in means},
-        {str(name): "" if np.isnan(spread) else f"{spread:.4f}" for name, spread in spreads},
-    )

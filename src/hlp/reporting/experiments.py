@@ -1,6 +1,6 @@
 """Reports of single experiments: the paper's figures and tables, recordings, ladder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,21 +10,17 @@ from hlp.reporting import paper_reports as paper
 from hlp.reporting import recordings
 from hlp.reporting.comparison import (
     WELL_VISIBLE,
-    Difference,
     difference_cells,
     paired_difference,
     recall_of,
+    with_ends,
 )
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import Panel, draw_bars, gain_bar, recall_bar
+from hlp.reporting.figures.bars import Bar, Panel, draw_bars, gain_bar, recall_bar
 from hlp.reporting.results import Result, result_folders
-from hlp.reporting.summary_tables import (
-    BOP_RECALLS,
-    result_cells,
-    run_cells,
-)
+from hlp.reporting.summary_tables import ADD_CELLS, BOP_RECALLS, run_cells
 from hlp.reporting.sweeps import Sweep, read_sweeps
-from hlp.reporting.table import Table, lay_out, prose, result_difference, result_share
+from hlp.reporting.table import Table, format_share, lay_out, prose
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +38,7 @@ _LADDER_NOTE = (
 
 @dataclass(frozen=True)
 class Report:
-    """A table with its caption, `notes`, and a figure; `narrow` is the table for a terminal.
+    """A table with its caption, `notes`, and a figure; a terminal does not show its `wide` columns.
 
     `figures` is what figures.csv holds.
     """
@@ -50,9 +46,9 @@ class Report:
     name: str
     table: Table
     notes: list[str]
-    figure: "Figure | None" = None
-    narrow: Table | None = None
+    figure: "Figure | None"
     figures: Table | None = None
+    wide: Sequence[str] = ()
 
 
 def reports_of(folder: Path) -> list[Report]:
@@ -67,15 +63,16 @@ def reports_of(folder: Path) -> list[Report]:
             made.append(_table(name, results, found))
         elif name == RECORDINGS:
             made.append(_recordings(results, found))
-        elif name == LADDER and (steps := _steps(results)):
-            made.append(_ladder(steps, found))
+        elif name == LADDER:
+            steps = {result.chosen[LADDER]: result for result in results if LADDER in result.chosen}
+            made += [_ladder(steps, found)] if steps else []
     return made
 
 
 def write_reports(folder: Path) -> list[Path]:
-    """Write the reports of a sweep or run: NAME.md, .csv, .png and .svg; those files.
+    """Write the reports of a sweep or run: NAME.md, .csv, .tex, .png and .svg; those files.
 
-    The paper's also as NAME.tex. figures.csv holds the main figures, as result files keep them.
+    figures.csv holds the main figures, as result files keep them.
     """
     return [path for made in reports_of(folder) for path in _write(folder, made)]
 
@@ -89,7 +86,7 @@ def describe_reports(root: Path, layout: str) -> str:
     for folder in result_folders(root):
         for made in reports_of(folder):
             files = ", ".join(str(path) for path in _write(folder, made))
-            shown = made.narrow if layout == "text" and made.narrow else made.table
+            shown = made.table.without(*made.wide) if layout == "text" else made.table
             parts += [prose(words, layout) for words in made.notes]
             parts += [lay_out(shown, layout), prose(f"Written: {files}", layout)]
     return "\n\n".join(parts)
@@ -101,10 +98,8 @@ def _write(folder: Path, made: Report) -> list[Path]:
     picture = [f"![{made.name}]({written[1].name})"] if written else []
     write_text(markdown, "\n\n".join([*picture, *made.notes, made.table.markdown()]) + "\n")
     write_csv(rows, made.table.header, made.table.rows)
-    written += [markdown, rows]
-    if made.name in {*paper.TRENDS, *paper.TABLES}:
-        write_text(latex, made.table.latex() + "\n")
-        written.append(latex)
+    write_text(latex, made.table.latex() + "\n")
+    written += [markdown, rows, latex]
     if made.figures is not None:
         write_csv(folder / FIGURES, made.figures.header, made.figures.rows)
         written.append(folder / FIGURES)
@@ -123,7 +118,7 @@ def _trend(name: str, results: Sequence[Result], found: Sweep) -> Report:
     runs = sorted(zip(words, results, strict=True), key=lambda run: words.index(run[0]))
     notes = [f"{trend.title}, {data}.", *_made_by(found), paper.trend_note(trend)]
     figure, figures = paper.draw_trend(trend, runs, data), paper.trend_figures(trend, runs)
-    return Report(name, paper.trend_table(trend, runs), notes, figure, figures=figures)
+    return Report(name, paper.trend_table(trend, runs), notes, figure, figures)
 
 
 def _table(name: str, results: Sequence[Result], found: Sweep) -> Report:
@@ -138,81 +133,41 @@ def _table(name: str, results: Sequence[Result], found: Sweep) -> Report:
     return Report(name, table, notes, recalls.figure(title, note))
 
 
-@dataclass(frozen=True)
-class _Step:
-    """One run of the ladder: what it changes, the step before it, and what it gains against it."""
-
-    name: str
-    change: str
-    before: str
-    result: Result
-    gain: Difference | None
-    milliseconds: float
-
-
-def _steps(results: Sequence[Result]) -> list[_Step]:
-    """The steps of the ladder among some results, in the order of the sweep."""
-    runs = {result.chosen[LADDER]: result for result in results if LADDER in result.chosen}
-    verdicts = {name: result.verdicts for name, result in runs.items()}
-    steps = []
+def _ladder(runs: Mapping[str, Result], found: Sweep) -> Report:
+    """A row a step: recalls, and what it gained against the one before it."""
+    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "load"]
+    of_figures = {**ADD_CELLS, "5cm5deg": "5cm5deg", "iou50": "IoU.5", "ar": "AR"}
+    rows, figures, gains = [], [], []
     for name, result in runs.items():
         change, before = (result.config["step"][key] or "" for key in ("change", "before"))
-        gain = paired_difference(verdicts.get(before, {}), verdicts[name])
-        spent = result.total_ms["median"] - runs.get(before, result).total_ms["median"]
-        steps.append(_Step(name, change, before, result, gain, spent))
-    return steps
+        start, cells, hidden = runs.get(before), run_cells(result.summary), result.hidden_targets
+        gain = paired_difference(start.verdicts, result.verdicts) if start else None
+        gains.append(gain_bar(gain))
+        gained = ["–"] * 4
+        if start and gain:
+            more = result.total_ms["median"] - start.total_ms["median"]
+            gained = [before, *difference_cells(gain), f"{more:+.0f}"]
+        rows.append([name, change, *(cells[column] for column in shown), *gained])
+        of_hidden = format_share(recall_of(hidden, "add") if hidden else None)
+        recalls = [*(cells[column] for column in of_figures.values()), of_hidden]
+        figures.append([name, change, *recalls, before if gain else "", *with_ends(gain)])
+    table = Table(["step", "change", *shown, "against", "gained", "95 % of it", "ms more"], rows)
+    header = ["step", "change", *of_figures, f"visible_below_{WELL_VISIBLE:g}"]
+    header += ["from", "gain", "gain_low", "gain_high"]
+    notes, wide = [*_made_by(found), _LADDER_NOTE], ["change", *shown[1:5], "load"]
+    figure = _draw_ladder([row[1] for row in rows], list(runs.values()), gains)
+    return Report(LADDER, table, notes, figure, Table(header, figures), wide)
 
 
-def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
-    """A row a step: recalls, and what it gained; the narrow table fits a terminal."""
-    against = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
-    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "load"]
-    rows = []
-    for step in steps:
-        cells, gained = run_cells(step.result.summary), ["–"] * len(against)
-        if step.gain is not None:
-            gained = [step.before, *difference_cells(step.gain), f"{step.milliseconds:+.0f}"]
-        rows.append([step.name, step.change, *(cells[name] for name in shown), *gained])
-    table = Table(["step", "change", *(name.removesuffix(".5") for name in shown), *against], rows)
-    few = table.without("change", "95 %", "5cm5deg", "IoU", "AR")
-    names = [name.removeprefix("ADD(-S) ") for name in few.header]
-    narrow = Table(names, few.rows).fitted(0, names.index("against"))
-    notes, figure = [*_made_by(found), _LADDER_NOTE], _draw_ladder(steps)
-    return Report(LADDER, table, notes, figure, narrow, _ladder_figures(steps))
-
-
-def _ladder_figures(steps: Sequence[_Step]) -> Table:
-    """Recalls of each step, also of the targets that are mostly hidden, and its gain."""
-    shown = ["add", "add_low", "add_high", "5cm5deg", "iou50", "ar"]
-    rows = []
-    for step in steps:
-        cells, hidden = result_cells(step.result.summary), step.result.hidden_targets
-        of_hidden = result_share(recall_of(hidden, "add") if hidden else None)
-        recalls, before = [cells[name] for name in shown], step.before if step.gain else ""
-        gain = result_difference(step.gain)
-        rows.append([step.name, step.change, *recalls, of_hidden, before, *gain])
-    gained = ["from", "gain", "gain_low", "gain_high"]
-    return Table(["step", "change", *shown, f"visible_below_{WELL_VISIBLE:g}", *gained], rows)
-
-
-def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
-    """A row a step in words, the first at the top: recall on the left, the gain on the right.
-
-    A line joins the recall of each step with that of the step that it starts from.
-    """
-    recalls = [recall_bar(step.result.add) for step in steps]
-    gains = [gain_bar(step.gain) for step in steps]
+def _draw_ladder(
+    rows: Sequence[str], results: Sequence[Result], gains: Sequence[Bar | None]
+) -> "Figure":
+    """A row a step in words, the first at the top: recall on the left, the gain on the right."""
+    recalls = [recall_bar(result.add) for result in results]
     panels = [Panel("ADD(-S) recall, 95 % interval", {"": recalls}, recall=True)]
     if any(gains):
         panels.append(Panel("gained against the step that it starts from", {"": gains}))
-    places = {step.name: place for place, step in enumerate(steps)}
-    rows = [step.change for step in steps]
-    figure = draw_bars(rows, panels, paper.measured_on(steps[0].result))
-    for place, step in enumerate(steps):
-        if step.before in places:
-            ends = places[step.before], place
-            figure.axes[0].plot([recalls[end].value for end in ends], ends, color="0.6", zorder=0)
-    return figure
+    return draw_bars(rows, panels, paper.measured_on(results[0]))
 
 
 def _recordings(results: Sequence[Result], found: Sweep) -> Report:
@@ -220,7 +175,7 @@ def _recordings(results: Sequence[Result], found: Sweep) -> Report:
     repeats = recordings.repeats_of(results, keys)
     table = recordings.recordings_table(repeats, keys)
     spread = " spread: standard deviation between seeds." if recordings.SEED in keys else ""
-    notes = [*_made_by(found), recordings.NOTE + spread]
-    narrow = table.without("frames", "5cm5deg", *map(str.upper, BOP_RECALLS)).fitted(0)
+    notes, wide = [*_made_by(found), recordings.NOTE + spread], ["frames", "5cm5deg"]
     figure, figures = recordings.draw_scores(repeats), recordings.recording_figures(repeats)
-    return Report(RECORDINGS, table, notes, figure, narrow, figures)
+    wide += map(str.upper, BOP_RECALLS)
+    return Report(RECORDINGS, table, notes, figure, figures, wide)

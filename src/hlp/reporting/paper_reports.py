@@ -6,19 +6,19 @@ from pathlib import Path
 from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, Any
 
-from hlp.reporting.comparison import paired_difference
+from hlp.reporting.comparison import paired_difference, with_ends
 from hlp.reporting.figures.bars import Panel, draw_bars, recall_bar, run_panels
 from hlp.reporting.results import Result
 from hlp.reporting.summary_tables import (
+    ADD_CELLS,
     ADD_MEAN,
     ADD_STD,
     METRIC_LABELS,
     MS_PER_FRAME,
     paper_recalls,
-    result_cells,
     run_cells,
 )
-from hlp.reporting.table import Table, format_interval, format_share, result_difference
+from hlp.reporting.table import Table, format_interval, format_share
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -109,17 +109,17 @@ def trend_table(trend: Trend, runs: Runs) -> Table:
 
 def trend_figures(trend: Trend, runs: Runs) -> Table:
     """Recalls of each run, and their paired difference to the paper's choice."""
-    shown = ["add", "add_low", "add_high", "5cm5deg", "ar"]
+    shown = {**ADD_CELLS, "5cm5deg": "5cm5deg", "ar": "AR"}
     papers = {words: result for words, result in runs if trend.is_papers(result)}
     rows = []
     for words, result in runs:
-        cells, before = result_cells(result.summary), papers.get(words, result)
+        cells, before = run_cells(result.summary), papers.get(words, result)
         found = None
         if before is not result:
             found = paired_difference(before.verdicts, result.verdicts)
         setting = ", ".join(filter(None, (*trend.keys, words)))
         named = [trend.title.removeprefix("Fig. "), setting, trend.value(result)]
-        rows.append([*named, *(cells[name] for name in shown), *result_difference(found)])
+        rows.append([*named, *map(cells.__getitem__, shown.values()), *with_ends(found)])
     differences = ["difference", "difference_low", "difference_high"]
     return Table(["figure", "setting", "value", *shown, *differences], rows)
 
@@ -174,9 +174,8 @@ class Recalls:
         for row, name in enumerate(self.rows):
             cells = [format_share(recalls[row]) for recalls in self.printed.values()]
             for scores in self.ours.values():
-                ends = scores[row].get("ci95")  # older runs have none
                 cells += [format_share(scores[row].get("recall"))]
-                cells += [format_interval(ends) if ends else ""]
+                cells += [format_interval(scores[row].get("ci95", ()))]
             rows.append([name, *cells])
         return Table([head, *self.printed, *names], rows)
 

@@ -1,24 +1,22 @@
 """`experiment=recordings`: one configuration on several data sets, and what scores are worth."""
 
 from collections.abc import Mapping, Sequence
-from statistics import fmean, stdev
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from hlp.arrays import Values
-from hlp.reporting.comparison import WELL_VISIBLE, mean_and_spread, recall_of
+from hlp.reporting.comparison import WELL_VISIBLE, recall_of
 from hlp.reporting.figures.bars import COLORS
 from hlp.reporting.results import Result
 from hlp.reporting.summary_tables import (
     BOP_RECALLS,
-    METRIC_LABELS,
-    false_alarms,
     run_cells,
     run_numbers,
     sure_answers,
 )
-from hlp.reporting.table import Table, result_share
+from hlp.reporting.table import Table, format_share
 from hlp.results.recalls import reliability
 
 if TYPE_CHECKING:
@@ -80,38 +78,37 @@ def _repeat_rows(repeats: Sequence[Result], keys: Sequence[str]) -> list[dict[st
             "frames": str(result.frames),
             **run_cells(result.summary),
             **_values(result, keys),
-            **_Counts.of([result]).cells(),
+            **_count_cells([result]),
         }
         for result in repeats
     ]
     if SEED not in keys or len(repeats) < 2:
         return rows
-    means, spreads = mean_and_spread([run_numbers(result.summary) for result in repeats])
-    times = [result.total_ms["median"] for result in repeats]
-    for name, shares, time in (("mean", means, fmean(times)), ("spread", spreads, stdev(times))):
-        rows.append({**shares, **_values(repeats[0], keys), SEED: name, "ms": f"{time:.0f}"})
-    rows[-2] |= _Counts.of(repeats).cells()
+    numbers, data = _numbers_by_seed(repeats), _values(repeats[0], keys)
+    for name, found, digits in (("mean", numbers.mean(skipna=False), 3),
+                                ("spread", numbers.std(skipna=False), 4)):  # fmt: skip
+        cells = {column: format_share(value, digits) for column, value in found.items()}
+        rows.append({**cells, **data, SEED: name, "ms": f"{found['ms']:.0f}"})
+    rows[-2] |= _count_cells(repeats)
     return rows
 
 
-class _Counts(NamedTuple):
+def _numbers_by_seed(results: Sequence[Result]) -> pd.DataFrame:
+    numbers = [run_numbers(result.summary) for result in results]
+    return pd.DataFrame(numbers, [result.seed for result in results], dtype=float)
+
+
+def _counts(results: Sequence[Result]) -> list[int]:
     """Sure answers (a score of at least a half), wrong ones, searches in vain, false alarms."""
+    alarms = [result.summary["false_alarms"] for result in results]
+    sure, wrong = np.sum([sure_answers(result.summary) for result in results], axis=0).tolist()
+    return [sure, wrong, *(sum(each[name] for each in alarms) for name in ("searched", "alarms"))]
 
-    sure: int
-    wrong: int
-    searched: int
-    alarms: int
 
-    @classmethod
-    def of(cls, results: Sequence[Result]) -> "_Counts":
-        """Of all results together."""
-        own = ((*sure_answers(r.summary), *false_alarms(r.summary)) for r in results)
-        return cls(*map(sum, zip(*own, strict=True)))
-
-    def cells(self) -> dict[str, str]:
-        """As the table shows them."""
-        parts = {WRONG: (self.wrong, self.sure), ALARMS: (self.alarms, self.searched)}
-        return {name: f"{part}/{of}" if of else "" for name, (part, of) in parts.items()}
+def _count_cells(results: Sequence[Result]) -> dict[str, str]:
+    sure, wrong, searched, alarms = _counts(results)
+    parts = {WRONG: (wrong, sure), ALARMS: (alarms, searched)}
+    return {name: f"{part}/{of}" if of else "" for name, (part, of) in parts.items()}
 
 
 def recording_figures(repeats: Repeats) -> Table:
@@ -122,17 +119,20 @@ def recording_figures(repeats: Repeats) -> Table:
     seeds = sorted({result.seed for own in repeats.values() for result in own})
     rows = []
     for data, own in repeats.items():
-        shares = {result.seed: run_numbers(result.summary) for result in own}
-        ends, counts = [*map(result_share, own[0].add["ci95"])], map(str, _Counts.of(own))
-        time = f"{fmean(result.total_ms['median'] for result in own):.0f}"
-        rows.append([data, str(own[0].targets), *_mean_cells(shares, seeds, ends), *counts, time])
+        numbers, ends = _numbers_by_seed(own), [*map(format_share, own[0].add["ci95"])]
+        counts = [*map(str, _counts(own)), f"{numbers['ms'].mean():.0f}"]
+        rows.append([data, str(own[0].targets), *_mean_cells(numbers, seeds, ends), *counts])
         hidden = {result.seed: targets for result in own if (targets := result.hidden_targets)}
         if hidden:
             name, count = f"{data} below {WELL_VISIBLE:g} visible", len(hidden[own[0].seed])
-            recalls: dict[str, dict[str, float | None]] = {
-                seed: {METRIC_LABELS[key]: recall_of(targets, key) for key in ("add", "5cm5deg")}
-                for seed, targets in hidden.items()
-            }
+            recalls = pd.DataFrame(
+                [
+                    [recall_of(targets, key) for key in ("add", "5cm5deg")]
+                    for targets in hidden.values()
+                ],
+                [*hidden],
+                ["ADD(-S)", "5cm5deg"],
+            )
             rows.append([name, str(count), *_mean_cells(recalls, seeds, ["", ""]), *[""] * 5])
     by_seed = [f"add_seed_{seed}" for seed in seeds]
     means = ["add", "add_low", "add_high", "5cm5deg", "ar", "ece"]
@@ -140,15 +140,11 @@ def recording_figures(repeats: Repeats) -> Table:
     return Table(["data", "targets", *by_seed, *means, *counted], rows)
 
 
-def _mean_cells(
-    shares: Mapping[str, Mapping[str, float | None]], seeds: Sequence[str], ends: Sequence[str]
-) -> list[str]:
-    by_seed = [result_share(shares.get(seed, {}).get("ADD(-S)")) for seed in seeds]
-    means, _ = mean_and_spread([*shares.values()])
-    add, *others = (
-        means.get(name, "").replace("0.", ".", 1) for name in ("ADD(-S)", "5cm5deg", "AR", "ECE")
-    )
-    return [*by_seed, add, *ends, *others]
+def _mean_cells(numbers: pd.DataFrame, seeds: Sequence[str], ends: Sequence[str]) -> list[str]:
+    by_seed = numbers["ADD(-S)"].reindex(seeds)
+    means = numbers.mean(skipna=False).reindex(["ADD(-S)", "5cm5deg", "AR", "ECE"])
+    add, *others = map(format_share, means)
+    return [*map(format_share, by_seed), add, *ends, *others]
 
 
 def draw_scores(repeats: Repeats) -> "Figure | None":
@@ -169,10 +165,8 @@ def draw_scores(repeats: Repeats) -> "Figure | None":
     for number, (data, (scores, correct)) in enumerate(answers.items()):
         style = {"color": COLORS[number % len(COLORS)], "linestyle": ("-", "--")[number > 5]}
         targets = sum(result.targets for result in repeats[data])
-        recall, precision = (
-            np.cumsum(correct) / targets,
-            np.cumsum(correct) / (1 + np.arange(len(scores))),
-        )
+        counted = np.cumsum(correct)
+        recall, precision = counted / targets, counted / (1 + np.arange(len(scores)))
         left.step(recall, precision, where="post", label=data, **style)
         for marked, sign in zip(_MARKED, "ox", strict=True):
             if (last := int((scores >= marked).sum())) > 0:
@@ -192,8 +186,6 @@ def _answers(results: Sequence[Result]) -> tuple[Values, Values]:
     for result in results:
         targets = [target.score for target in result.scores.values()]
         found += [(t.score, t.add_s_correct) for t in targets if t.found and np.isfinite(t.score)]
-        found += [
-            (score, False) for score in result.summary.get("false_alarms", {}).get("scores", [])
-        ]
+        found += [(score, False) for score in result.summary["false_alarms"]["scores"]]
     table = np.array(sorted(found, reverse=True), dtype=np.float64).reshape(-1, 2)
     return table[:, 0], table[:, 1]

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
 
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, read_json
@@ -13,7 +13,6 @@ from hlp.reporting.comparison import (
     WELL_VISIBLE,
     ScoredTarget,
     compare_runs,
-    mean_and_spread,
     read_targets,
     recall_of,
 )
@@ -28,13 +27,13 @@ from hlp.reporting.results import result_folders
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,
     format_summary,
-    runs_table,
+    run_cells,
     votes_table,
     waterfall_tables,
 )
 from hlp.reporting.sweep_report import describe_sweep, write_sweep
 from hlp.reporting.sweeps import read_sweeps
-from hlp.reporting.table import LAYOUTS, Table, check_layout, format_share, lay_out, prose
+from hlp.reporting.table import Table, format_share, lay_out, prose
 from hlp.results.recalls import average_recalls, read_summary
 
 
@@ -43,10 +42,9 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
 
     `layout` is `text` or `markdown`. The tables of a run follow if it is the only one, or with
     `details`. Of studies (oracle, basin, bench, search) there are the tables or their names. Draws
-    figures into each sweep's folder. Raises ValueError for another layout or a broken summary, and
-    MissingFileError where no finished run is found.
+    figures into each sweep's folder. Raises DataError for a broken summary, and MissingFileError
+    where no finished run is found.
     """
-    check_layout(layout)
     sweeps = [path.parent for path in found_below(folder, SWEEP)]
     paths = sorted(found_below(folder, SUMMARY), key=lambda path: path.stat().st_mtime)
     studies = study_folders(folder)
@@ -59,16 +57,14 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
         if details or len(summaries) == 1:
             parts.append(f"{heading}{run}\n\n{format_summary(summary, layout)}")
             tables = (*waterfall_tables(summary), votes_table(summary))
-            parts += [lay_out(table, layout) for table in tables if table.rows]
+            parts += [lay_out(table, layout) for table in tables]
     for sweep in sweeps:
         parts += _sweep_parts(sweep, layout, heading)
     parts += [
         _study_part(study, layout, heading) for study in studies if study.parent not in sweeps
     ]
     if len(summaries) > 1:
-        table = runs_table({str(run.relative_to(folder)): s for run, s in summaries.items()})
-        shown = table.fitted(0, ends=True) if layout == "text" else table
-        parts.append(f"{heading}All runs below {folder}\n\n{lay_out(shown, layout)}")
+        parts.append(f"{heading}All runs below {folder}\n\n{lay_out(run_list(folder), layout)}")
         if not details:
             parts.append("details=true prints the tables of every run.")
     return "\n\n".join(parts)
@@ -138,7 +134,7 @@ def describe_named(runs: str, uri: str, layout: str) -> str:
     Each is an output folder or the id of a run in MLflow at `uri`. Raises InputError for fewer than
     two, otherwise what these two raise.
     """
-    names = [name.strip() for name in runs.removeprefix("[").removesuffix("]").split(",")]
+    names = _listed(runs)
     if len(names) < 2 or not all(names):
         raise InputError(f"runs={runs}: name two or more, as runs=[A,B]")
     files = [scores_file(name, uri) for name in names]
@@ -151,29 +147,28 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
     """Recalls of repeats, such as one configuration with several seeds: each, mean and spread.
 
     `files` are their `scores.csv`; AR is BOP's average recall, empty where it was not computed.
-    Raises FileNotFoundError without a file, ValueError for a broken one and for a `layout` that is
-    not `text` or `markdown`.
+    Raises MissingFileError without a file, DataError for a broken one.
     """
-    check_layout(layout)
-    recalls: list[dict[str, float | None]] = []
-    targets = []
-    for path in files:
-        scored = read_targets(path)
-        targets.append(scored.keys())
-        found: dict[str, float | None] = {
-            label: recall_of([*scored.values()], key) for key, label in METRIC_LABELS.items()
-        }
-        average = average_recalls([target.score for target in scored.values()])["ar"]
-        recalls.append({**found, "AR": average})
+    scored = [read_targets(path) for path in files]
+    recalls = pd.DataFrame(
+        [
+            [
+                *(recall_of([*own.values()], key) for key in METRIC_LABELS),
+                average_recalls([target.score for target in own.values()])["ar"],
+            ]
+            for own in scored
+        ],
+        dtype=float,
+    )
     rows = [
-        [name, str(len(asked)), *map(format_share, shares.values())]
-        for name, asked, shares in zip(names, targets, recalls, strict=True)
+        [name, str(len(own)), *map(format_share, shares)]
+        for name, own, shares in zip(names, scored, recalls.to_numpy(), strict=True)
     ]
-    means, deviations = mean_and_spread(recalls)
-    rows += [["mean", "", *means.values()], ["standard deviation", "", *deviations.values()]]
-    whole = Table(["run", "targets", *METRIC_LABELS.values(), "AR"], rows)
-    table = lay_out(whole.fitted(0, ends=True) if layout == "text" else whole, layout)
-    same = all(keys == targets[0] for keys in targets)
+    rows.append(["mean", "", *map(format_share, recalls.mean(skipna=False))])
+    spread = recalls.std(skipna=False)
+    rows.append(["standard deviation", "", *(format_share(share, 4) for share in spread)])
+    table = lay_out(Table(["run", "targets", *METRIC_LABELS.values(), "AR"], rows), layout)
+    same = all(own.keys() == scored[0].keys() for own in scored)
     return table if same else f"{table}\n\nThe runs were not asked for the same targets."
 
 
@@ -184,18 +179,13 @@ _UNKNOWN = [""] * (len(_HEADER) - 2)
 
 
 def describe_outputs(folder: Path, layout: str) -> str:
-    """The table of `run_list`, with the folder's name; names are cut to fit a terminal.
-
-    `layout` is `text` or `markdown`. Raises MissingFileError where there is no run.
-    """
-    check_layout(layout)
+    """The table of `run_list`, with the folder's name. Raises MissingFileError without a run."""
     table = run_list(folder)
     if not table.rows:
         raise MissingFileError(f"no run in or below {folder}: `hlp run` makes one")
-    shown = table.fitted(0, ends=True) if layout == "text" else table
     swept = found_below(folder, SWEEP)
     note = "The figures of a sweep are those of its best run. " if swept else ""
-    return f"{LAYOUTS[layout](shown)}\n\n{note}{len(table.rows)} runs below {folder}"
+    return f"{lay_out(table, layout)}\n\n{note}{len(table.rows)} runs below {folder}"
 
 
 def run_list(folder: Path) -> Table:
@@ -235,25 +225,17 @@ def _sweep_cells(folder: Path) -> list[str]:
 
 
 def _figures(summary: Mapping[str, Any]) -> list[str]:
-    metrics, time = summary["metrics"], summary["timing_ms"]["total"]["median"]
-    low, high = metrics["add"]["ci95"]
-    return [
-        str(summary["targets"]),
-        format_share(metrics["add"]["recall"]),
-        f"{low:.2f}-{high:.2f}",  # two decimals leave room for the folder
-        format_share(metrics["5cm5deg"]["recall"]),
-        f"{time:.0f}",
-    ]
+    cells = run_cells(summary)
+    return [cells[name] for name in _HEADER[2:]]
 
 
 def report_selection(folder: Path, objects: str, layout: str) -> str:
     """A table for each run in or below a folder, over the targets of the objects `[a,b,…]` alone.
 
-    Raises MissingFileError where there is no run, ValueError for an object that a run has not, a
-    broken `scores.csv`, and a `layout` that is not `text` or `markdown`.
+    Raises MissingFileError where there is no run, DataError for a broken `scores.csv`, and
+    InputError for an object that a run has not.
     """
-    check_layout(layout)
-    names = [name.strip() for name in objects.removeprefix("[").removesuffix("]").split(",")]
+    names = _listed(objects)
     found = found_below(folder, SCORES)
     if not found:
         raise MissingFileError(f"no finished run in {folder}: none of its folders has {SCORES}")
@@ -265,34 +247,29 @@ def report_selection(folder: Path, objects: str, layout: str) -> str:
 
 
 def selection_table(scores: Sequence[ScoredTarget], names: Sequence[str]) -> Table:
-    """Recall over the targets of the named objects, and the mean of the objects' recalls.
-
-    Raises ValueError naming an object that has no target.
-    """
+    """Recall over the targets of the named objects. Raises InputError for one without a target."""
     known = dict.fromkeys(target.name for target in scores)
-    for name in sorted(names):
+    for name in names:
         if name not in known:
             raise InputError(f"objects: no target is a {name}; there are {', '.join(known)}")
     chosen = [target for target in scores if target.name in names]
-    seen = [target for target in chosen if target.score.visible_fraction >= WELL_VISIBLE]
-    hidden = [target for target in chosen if target.score.visible_fraction < WELL_VISIBLE]
     groups = {
         "all": chosen,
-        f"{WELL_VISIBLE:g} and more": seen,
-        f"less than {WELL_VISIBLE:g}": hidden,
+        f"{WELL_VISIBLE:g} and more": [
+            target for target in chosen if target.score.visible_fraction >= WELL_VISIBLE
+        ],
+        f"less than {WELL_VISIBLE:g}": [
+            target for target in chosen if target.score.visible_fraction < WELL_VISIBLE
+        ],
     }
     rows = []
     for title, group in groups.items():
         if group:
-            recalls = [format_share(recall_of(group, metric)) for metric in METRIC_LABELS]
-            means = [format_share(_mean_of_objects(group, metric)) for metric in METRIC_LABELS]
-            rows.append([title, str(len(group)), *recalls, *means])
-    shown = METRIC_LABELS.values()
-    return Table(["visible", "targets", *shown, *(f"mean {label}" for label in shown)], rows)
+            recalls = (format_share(recall_of(group, metric)) for metric in METRIC_LABELS)
+            rows.append([title, str(len(group)), *recalls])
+    return Table(["visible", "targets", *METRIC_LABELS.values()], rows)
 
 
-def _mean_of_objects(targets: Sequence[ScoredTarget], metric: str) -> float:
-    by_object: dict[str, list[ScoredTarget]] = {}
-    for target in targets:
-        by_object.setdefault(target.name, []).append(target)
-    return float(np.mean([recall_of(group, metric) for group in by_object.values()]))
+def _listed(words: str) -> list[str]:
+    """The names in `[a,b,…]`."""
+    return [name.strip() for name in words.removeprefix("[").removesuffix("]").split(",")]

@@ -4,20 +4,25 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from hlp.errors import DataError
 from hlp.files import SUMMARY, read_json
-from hlp.reporting.bench_tables import CONFIGURED, TOTAL, format_ms, read_bench
-from hlp.reporting.study_tables import head_of, read_mean_recalls
-from hlp.reporting.summary_tables import METRIC_LABELS, run_cells
+from hlp.reporting.study_tables import (
+    CONFIGURED,
+    TOTAL,
+    format_ms,
+    head_of,
+    read_bench,
+    read_mean_recalls,
+)
+from hlp.reporting.summary_tables import METRIC_LABELS, run_cells, run_numbers
 from hlp.reporting.table import format_share
 from hlp.results.recalls import read_summary
 
 Interval = tuple[float, float]
 RUN = "sweep"
 """The kind of a plain run; its files are called so."""
-ADD, *_OTHERS = METRIC_LABELS.values()
+ADD = METRIC_LABELS["add"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class Number:
     panel: str
     value: float
     text: str
-    quantity: Literal["recall", "time", "other"] = "other"
+    is_recall: bool = False
     interval: Interval | None = None
     main: bool = False
     more: bool = False
@@ -67,43 +72,34 @@ def read_numbers(folder: Path, kind: Kind) -> dict[str, Number]:
 def _recall(
     name: str, panel: str, value: float, interval: Interval | None = None, *, main: bool = False
 ) -> Number:
-    return Number(name, panel, value, format_share(value), "recall", interval, main)
-
-
-def _time(name: str, panel: str, value: float, *, main: bool = False) -> Number:
-    return Number(name, panel, value, format_ms(value), "time", None, main)
+    return Number(name, panel, value, format_share(value), True, interval, main)
 
 
 def _read_run(path: Path) -> list[Number]:
     summary = read_summary(path)
-    add, cells = summary["metrics"]["add"], run_cells(summary)
-    low, high = map(float, add["ci95"])
-    time = float(summary["timing_ms"]["total"]["median"])
-    return [
-        Number("targets", "", summary["targets"], cells["targets"], more=True),
-        _recall(ADD, "", add["recall"], (low, high), main=True),
-        *(Number(name, "", math.nan, cells[name], more=name == "IoU.5") for name in _OTHERS),
-        Number("AR", "", math.nan, cells["AR"], more=True),
-        Number("ms", "", time, cells["ms"], "time"),
-        *(Number(name, "", math.nan, cells[name], more=True) for name in ("ms 95 %", "CPU ms")),
-        Number("load", "", math.nan, cells["load"]),
-    ]
+    values, cells = run_numbers(summary), run_cells(summary)
+    low, high = map(float, summary["metrics"]["add"]["ci95"])
+    numbers = [Number("targets", "", summary["targets"], cells["targets"], more=True)]
+    numbers.append(
+        _recall(ADD, "", float(summary["metrics"]["add"]["recall"]), (low, high), main=True)
+    )
+    for name in ("5cm5deg", "IoU.5", "AR", "ms", "ms 95 %", "CPU ms", "load"):
+        more = name not in ("5cm5deg", "ms", "load")
+        numbers.append(Number(name, "", values[name] or math.nan, cells[name], more=more))
+    return numbers
 
 
 def _read_bench(path: Path) -> list[Number]:
     result = read_bench(path)
     configured = result["paths"][CONFIGURED]
     numbers = []
-    for name, panel, kind in (("ms", "ms", "median_ms"), ("CPU", "CPU ms", "cpu_ms")):
-        for unit in ("first", "further"):
-            total = configured[unit].get(TOTAL)
-            if total is not None:  # frames of a single object have no further one
-                numbers.append(_time(f"{name} {unit}", panel, total[kind], main=name == "ms"))
-    peak, recall = result["memory"]["peak_mib"], configured["add_recall"]
+    for unit in ("first", "further"):
+        if configured[unit]:  # frames of a single object have no further one
+            time = configured[unit][TOTAL]["median_ms"]
+            numbers.append(Number(f"ms {unit}", "ms", time, format_ms(time)))
+    peak, load = result["memory"]["peak_mib"], result["machine"]["load"]
     numbers.append(Number("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
-    if recall is not None:
-        numbers.append(_recall(ADD, "ADD(-S) recall", recall, main=True))
-    load = result["machine"]["load"]
+    numbers.append(_recall(ADD, "ADD(-S) recall", configured["add_recall"], main=True))
     return [*numbers, Number("load", "", load, f"{load:.1f}")]
 
 
@@ -133,7 +129,8 @@ def _read_search(path: Path) -> list[Number]:
     if best is not None:
         panel = "ADD(-S) recall of the best trial"
         numbers.append(_recall("best ADD(-S)", panel, best["recall"], main=True))
-        numbers.append(_time("its ms", "ms of the best trial", best["time_ms"]))
+        time = best["time_ms"]
+        numbers.append(Number("its ms", "ms of the best trial", time, format_ms(time)))
     return numbers
 
 
@@ -147,16 +144,16 @@ KINDS: Mapping[str, Kind] = {
     "bench": Kind(
         "bench.json",
         _read_bench,
-        "ms: median time to find the first object of a frame, and each further one; CPU: ms of all"
-        " threads. MiB: peak memory of the process, which runs of one process share with those"
-        " before them; load: of the machine in the minute before the measurement.",
+        "ms: median time to find the first object of a frame, and each further one. MiB: peak"
+        " memory of the process, which runs of one process share with those before them; load: of"
+        " the machine in the minute before the measurement.",
     ),
     "oracle": Kind(
         "oracle.json",
         _read_oracle,
         "ADD(-S) recall of all targets. Columns are region and coarse pose: est = estimated, true ="
-        " replaced by the truth, true± = the true pose, turned and shifted at random. The fine pose"
-        " is always estimated. Lost: what each stage costs in recall.",
+        " replaced by the truth. The fine pose is always estimated. Lost: what each stage costs in"
+        " recall.",
     ),
     "basin": Kind(
         "basin.csv",

@@ -1,4 +1,4 @@
-"""Tables, CSV files and metrics of the studies: bench, oracle, basin, search."""
+"""Tables and CSV files of the studies: oracle, basin, search, bench; two benches side by side."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,15 +6,14 @@ from typing import Any
 
 import pandas as pd
 
-from hlp.files import read_csv, write_csv, write_text
-from hlp.reporting.table import Table, lay_out, prose
+from hlp.errors import DataError
+from hlp.files import read_csv, read_json, write_csv, write_text
+from hlp.reporting.table import Table, format_share, lay_out, prose
 
 Result = Mapping[str, Any]
 
-_SHORT = {"estimated": "est", "true": "true", "noisy": "true±"}
+_SHORT = {"estimated": "est", "true": "true"}
 ALL_TARGETS = "all targets"
-_STAGES = ("region", "coarse", "fine")
-_ORACLE = ("object", *_STAGES, "targets", "add_recall", "ci95_low", "ci95_high")
 
 
 def head_of(cell: Mapping[str, Any]) -> str:
@@ -42,10 +41,8 @@ def format_oracle(result: Result, layout: str = "text") -> str:
     lost = ", ".join(f"{stage} {share:+.3f}" for stage, share in result["lost"].items())
     caption = (
         f"ADD(-S) recall (95 % interval) of {result['frames']} frames. Columns are region and"
-        " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose"
-        f" turned by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm."
-        " The fine pose is always estimated. The true coarse pose is given only if the region"
-        " shows any part of the target."
+        " coarse pose: est = estimated, true = replaced by the truth. The fine pose is always"
+        " estimated. The true coarse pose is given only if the region shows any part of the target."
     )
     conclusion = (
         f"Recall lost by each stage: {lost}. A wrong choice among the hypotheses counts as a"
@@ -53,26 +50,6 @@ def format_oracle(result: Result, layout: str = "text") -> str:
     )
     parts = [prose(caption, layout), lay_out(oracle_table(result), layout)]
     return "\n\n".join([*parts, prose(conclusion, layout)])
-
-
-def write_oracle(folder: Path, result: Result) -> None:
-    """Write oracle.md, and oracle.csv with one row for each object and cell."""
-    write_text(folder / "oracle.md", format_oracle(result, "markdown") + "\n")
-    rows = [
-        [name, *(cell[stage] for stage in _STAGES), add["targets"], add["recall"], *add["ci95"]]
-        for cell in result["cells"]
-        for name, add in {**cell["per_object"], "all": cell["add"]}.items()
-    ]
-    write_csv(folder / "oracle.csv", _ORACLE, rows)
-
-
-def oracle_metrics(result: Result) -> dict[str, float | None]:
-    """Flat numbers for MLflow, e.g. `oracle/region_true/coarse_estimated`, `oracle/lost/region`."""
-    flat: dict[str, float | None] = {
-        f"oracle/region_{cell['region']}/coarse_{cell['coarse']}": cell["add"]["recall"]
-        for cell in result["cells"]
-    }
-    return flat | {f"oracle/lost/{stage}": share for stage, share in result["lost"].items()}
 
 
 ALL = "all"
@@ -138,12 +115,6 @@ def recalls_by_errors(cells: pd.DataFrame) -> pd.DataFrame:
     return cells.pivot_table("add_recall", "rotation_deg", "translation_mm", sort=False)
 
 
-def basin_metrics(cells: pd.DataFrame) -> dict[str, float | None]:
-    """Flat numbers for MLflow: the mean recall of each refiner and object, `basin/pso/cat`."""
-    means = cells.groupby(["refiner", "object"], sort=False)["add_recall"].mean()
-    return {f"basin/{refiner}/{name}": float(mean) for (refiner, name), mean in means.items()}
-
-
 _TRIALS = 10  # that are shown
 
 
@@ -193,3 +164,115 @@ def write_search(folder: Path, result: Result) -> None:
             [trial["trial"], *values, trial["recall"], trial["time_ms"], trial["error"] or ""]
         )
     write_csv(folder / "search.csv", ["trial", *keys, "add_recall", "median_ms", "error"], rows)
+
+
+CONFIGURED = "configured"
+"""Name of the path that the configuration itself describes; the others are compared with it."""
+TIMED = ("first", "further", "frame")
+"""Units that are timed."""
+TOTAL = "total"
+_TIMES = ("median_ms", "p95_ms", "cpu_ms")
+
+
+def format_bench(result: Result, layout: str = "text") -> str:
+    """All tables of a bench (`text` or `markdown`), and what it was measured on."""
+    workload = (f"{name.replace('_', ' ')} {value}" for name, value in result["workload"].items())
+    parts: list[str | Table] = [_machine(result["machine"]), ", ".join(workload)]
+    for name, path in result["paths"].items():
+        parts += [
+            f"Path '{name}': median ms of a frame's first object, of each further one and of whole"
+            " frames, with the 95th percentile and the CPU time of all threads. Decoding the images"
+            " is not counted.",
+            times_table(path),
+        ]
+    if len(result["paths"]) > 1:
+        parts += [
+            "Median ms, and how many times the configured path's; of stages for the first object."
+            " Same pose: share of those within {mm:g} mm and {deg:g} degrees of that path's."
+            "".format(**result["tolerance"]),
+            comparison_table(result["paths"]),
+        ]
+    loading, objects = result["loading_s"], [*result["loading_s"]["objects"].values()]
+    parts += [
+        f"Loading (s): classifier {loading['classifier']:.2f}, encoder {loading['encoder']:.2f},"
+        f" each object {sum(objects) / len(objects):.2f} (at most {max(objects):.2f}).",
+        f"Peak memory: {result['memory']['peak_mib']:.0f} MiB with all objects loaded.",
+    ]
+    laid_out = (
+        lay_out(part, layout) if isinstance(part, Table) else prose(part, layout) for part in parts
+    )
+    return "\n\n".join(laid_out)
+
+
+def times_table(path: Result) -> Table:
+    """A row a part and stage, and the total: median, 95th percentile and CPU time of each unit."""
+    units = [unit for unit in TIMED if path[unit]]
+    rows = [
+        [part, *(format_ms(path[unit][part][time]) for unit in units for time in _TIMES)]
+        for part in path["first"]
+    ]
+    return Table(["part", *(name for unit in units for name in (unit, "95 %", "CPU"))], rows)
+
+
+def comparison_table(paths: Mapping[str, Result]) -> Table:
+    """A row a path: median ms, and how many times those of the first path; recall; same poses."""
+    first = next(iter(paths.values()))
+    stages = [part for part in first["first"] if part.startswith("stage ") or part == TOTAL]
+    rows = []
+    for name, path in paths.items():
+        times = [_ratio(first["first"][stage], path["first"][stage]) for stage in stages]
+        times.append(_ratio(first["frame"][TOTAL], path["frame"][TOTAL]))
+        shares = map(format_share, (path["add_recall"], path["same_pose"]))
+        rows.append([name, *times, *shares])
+    return Table(["path", *stages, "frame", "ADD(-S)", "same pose"], rows)
+
+
+def compare_benches(before: Path, after: Path) -> str:
+    """Two saved results side by side: median times and their ratio, after/before.
+
+    Only paths that both results have are compared. Raises DataError for a file that is no
+    bench, and MissingFileError where there is none.
+    """
+    saved = {"A": before, "B": after}
+    results = {name: read_bench(path) for name, path in saved.items()}
+    parts = [
+        prose(f"{name}  {saved[name]}: {_machine(result['machine'])}", "text")
+        for name, result in results.items()
+    ]
+    one, other = (result["workload"] for result in results.values())
+    differing = [
+        f"{key} {one[key]} and {other.get(key)}" for key in one if one[key] != other.get(key)
+    ]
+    if differing:
+        parts.append(prose(f"The two did not measure the same: {'; '.join(differing)}.", "text"))
+    for name in results["A"]["paths"]:
+        if name in results["B"]["paths"]:
+            paths = {key: result["paths"][name] for key, result in results.items()}
+            table = comparison_table(paths).without("same pose")
+            parts += [f"Path '{name}', median ms:", lay_out(table, "text")]
+    peaks = [result["memory"]["peak_mib"] for result in results.values()]
+    return "\n\n".join([*parts, "Peak memory: {:.0f} and {:.0f} MiB.".format(*peaks)])
+
+
+def read_bench(path: Path) -> dict[str, Any]:
+    """Read bench.json. Raises DataError naming a file that is not one."""
+    result: dict[str, Any] = read_json(path)
+    missing = {"machine", "workload", "paths", "memory"} - set(result)
+    if missing:
+        raise DataError(f"{path} is no bench: it lacks {', '.join(sorted(missing))}")
+    return result
+
+
+def _ratio(first: Result, own: Result) -> str:
+    """`15.0 x1.50`: takes half as long again."""
+    before, after = first["median_ms"], own["median_ms"]
+    return format_ms(after) + (f" x{after / before:.2f}" if before else "")
+
+
+def _machine(machine: Result) -> str:
+    return "{cpu}, {cores} cores; threads: {threads}; load before: {load:.2f}".format(**machine)
+
+
+def format_ms(value: float) -> str:
+    """Milliseconds, with a decimal below 100."""
+    return f"{value:.1f}" if value < 100 else f"{value:.0f}"

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any
 
-from hlp.reporting.table import Table, format_interval, format_share, lay_out, prose, result_share
+from hlp.reporting.table import Table, format_interval, format_share, lay_out, prose
 from hlp.results.recalls import CORRECT
 
 METRIC_LABELS = {"add": "ADD(-S)", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
@@ -18,6 +18,8 @@ VOTE_LABELS = {
 """What people call the shares of votes in `summary.json`."""
 WATERFALL_GROUPS = {"per_object": "object", "per_visibility": "visible fraction"}
 """How the waterfall of `summary.json` is divided, and what people call it."""
+ADD_CELLS = {"add": "ADD(-S)", "add_low": "low", "add_high": "high"}
+"""Columns of figures.csv, and the numbers of `run_numbers` that stand there."""
 BOP_RECALLS = ("vsd", "mssd", "mspd")
 """BOP's recalls in `summary.json`, of which `ar` is the mean."""
 RECALL = "Recall: the share of targets (objects to be found in a frame) with a correct pose."
@@ -60,11 +62,11 @@ def paper_recalls(names: Sequence[str]) -> list[float]:
 def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     """The three main tables of a run: recall per object, time per stage, causes of misses."""
     tables = (objects_table(summary), time_table(summary), total_table(summary))
-    objects, times, total = (lay_out(table, layout) if table.rows else "" for table in tables)
+    objects, times, total = (lay_out(table, layout) for table in tables)
     said = (RECALL, bop_words(summary), calibration_words(summary), false_alarm_words(summary))
     recall, *words = (prose(sentence, layout) for sentence in (*said, timing_words(summary)))
     parts = [recall, objects, *words[:-1], times, words[-1], total]
-    return "\n\n".join(part for part in parts if part)
+    return "\n\n".join(filter(None, parts))
 
 
 def objects_table(summary: Mapping[str, Any]) -> Table:
@@ -101,52 +103,43 @@ def run_numbers(summary: Mapping[str, Any]) -> dict[str, float | None]:
     `low` and `high` are the ends of the interval of ADD(-S).
     """
     metrics, times = summary["metrics"], summary["timing_ms"]
-    bop, timing, total = summary.get("bop", {}), summary.get("timing", {}), times.get("total", {})
     return {
         **{label: metrics[key]["recall"] for key, label in METRIC_LABELS.items()},
         **dict(zip(("low", "high"), metrics["add"]["ci95"], strict=True)),
-        **{key.upper(): bop.get(key) for key in ("ar", *BOP_RECALLS)},
-        "ECE": summary.get("calibration", {}).get("ece"),
-        "ms refinement": times.get("refinement", {}).get("median"),
-        "ms": total.get("median"),
-        "ms 95 %": total.get("p95"),
-        "CPU ms": timing.get("cpu_ms"),
-        "load": timing.get("load"),
+        **{key.upper(): summary["bop"][key] for key in ("ar", *BOP_RECALLS)},
+        "ECE": summary["calibration"]["ece"],
+        "ms refinement": times["refinement"]["median"],
+        "ms": times["total"]["median"],
+        "ms 95 %": times["total"]["p95"],
+        "CPU ms": summary["timing"]["cpu_ms"],
+        "load": summary["timing"]["load"],
     }
 
 
 def run_cells(summary: Mapping[str, Any]) -> dict[str, str]:
     """The main numbers of a run as they stand in tables, by column; empty where not measured."""
     numbers = run_numbers(summary)
-    load = numbers["load"]
     return {
         **{name: (_ms if "ms" in name else format_share)(n) for name, n in numbers.items()},
         "targets": str(summary["targets"]),
         "95 %": format_interval(summary["metrics"]["add"]["ci95"]),
-        "load": "" if load is None else f"{load:.1f}",
+        "load": f"{numbers['load']:.1f}",
     }
-
-
-def result_cells(summary: Mapping[str, Any]) -> dict[str, str]:
-    """The main recalls of a run as result files have them; empty where not measured."""
-    names = {"add_low": "low", "add_high": "high", "ar": "AR", **METRIC_LABELS}
-    numbers = run_numbers(summary)
-    return {name: result_share(numbers[column]) for name, column in names.items()}
 
 
 def bop_words(summary: Mapping[str, Any]) -> str:
     """BOP's average recall and the three of which it is the mean; empty if one is missing."""
-    average = run_cells(summary)["AR"]
-    if not average:
+    recalls = summary["bop"]
+    if recalls["ar"] is None:
         return ""
-    parts = ", ".join(f"{key.upper()} {summary['bop'][key]:.3f}" for key in BOP_RECALLS)
-    return f"BOP's average recall: {average}, the mean of {parts}."
+    parts = ", ".join(f"{key.upper()} {recalls[key]:.3f}" for key in BOP_RECALLS)
+    return f"BOP's average recall: {recalls['ar']:.3f}, the mean of {parts}."
 
 
 def calibration_words(summary: Mapping[str, Any]) -> str:
     """Whether the scores mean what they say, in one line; empty if there was no answer."""
-    found = summary.get("calibration")
-    if not found or not found["answers"]:
+    found = summary["calibration"]
+    if not found["answers"]:
         return ""
     return (
         f"Scores of {found['answers']} answers: expected calibration error {found['ece']:.3f}, "
@@ -156,20 +149,14 @@ def calibration_words(summary: Mapping[str, Any]) -> str:
 
 def sure_answers(summary: Mapping[str, Any]) -> tuple[int, int]:
     """Number of answers with a score of at least a half, and of the wrong ones among them."""
-    bins = [row for row in summary.get("calibration", {}).get("reliability", []) if row[1] >= 0.5]
+    bins = [row for row in summary["calibration"]["reliability"] if row[1] >= 0.5]
     return round(sum(row[0] for row in bins)), round(sum(n * (1 - share) for n, _, share in bins))
-
-
-def false_alarms(summary: Mapping[str, Any]) -> tuple[int, int]:
-    """Number of searches for absent objects, and of those that were answered."""
-    found = summary.get("false_alarms", {})
-    return found.get("searched", 0), found.get("alarms", 0)
 
 
 def false_alarm_words(summary: Mapping[str, Any]) -> str:
     """How often absent objects were said to be there; empty if none was looked for."""
-    found = summary.get("false_alarms", {})
-    if not found.get("searched"):
+    found = summary["false_alarms"]
+    if not found["searched"]:
         return ""
     return (
         f"False alarms: {found['alarms']} of {found['searched']} searches for an object that is no "
@@ -180,48 +167,36 @@ def false_alarm_words(summary: Mapping[str, Any]) -> str:
 def time_table(summary: Mapping[str, Any]) -> Table:
     """Median and 95th percentile of each stage's time for one object in one frame, total last."""
     times = dict(summary["timing_ms"])
-    if "total" in times:
-        times["total"] = times.pop("total")
+    times["total"] = times.pop("total")
     rows = [[stage, _ms(time["median"]), _ms(time["p95"])] for stage, time in times.items()]
     return Table(["ms per target", "median", "95 %"], rows)
 
 
 def timing_words(summary: Mapping[str, Any]) -> str:
-    """How the times were measured, in one line; empty if the summary does not say."""
-    timing = summary.get("timing")
-    if not timing:
-        return ""
+    """How the times were measured, CPU time beside wall time, and how busy the machine was."""
+    timing = summary["timing"]
     counted = "1 frame" if timing["frames"] == 1 else f"{timing['frames']} frames"
-    words = f"Times: measured by this run on {counted}."
+    words = [f"Times: measured by this run on {counted}."]
     if timing["reused_stages"]:
         reused = ", ".join(timing["reused_stages"])
-        words = f"Times: the results of {reused} were reused; measured again on {counted}."
-    first = timing["first_use_seconds"]
-    if first is not None:
-        words += f" The first frame, with loading and compiling, took {first:.1f} s (not included)."
-    return f"{words} {_machine_words(timing)}".strip()
-
-
-def _machine_words(timing: Mapping[str, Any]) -> str:
-    """CPU time beside wall time, and how busy the machine was; older summaries do not say."""
-    cpu, words = timing.get("cpu_ms"), []
-    if cpu is not None:
+        words = [f"Times: the results of {reused} were reused; measured again on {counted}."]
+    if (first := timing["first_use_seconds"]) is not None:
+        words.append(
+            f"The first frame, with loading and compiling, took {first:.1f} s (not included)."
+        )
+    if (cpu := timing["cpu_ms"]) is not None:
         wall = timing["wall_ms"]
-        words = [f"Mean of an object: {cpu:.0f} ms of CPU time in {wall:.0f} ms of wall time."]
-    if "load" in timing:
-        cores = timing["cores"]
-        words.append(f"Load of the machine meanwhile: {timing['load']:.1f} on {cores} cores.")
-    return " ".join(words)
+        words.append(f"Mean of an object: {cpu:.0f} ms of CPU time in {wall:.0f} ms of wall time.")
+    load = f"{timing['load']:.1f} on {timing['cores']} cores"
+    return " ".join([*words, f"Load of the machine meanwhile: {load}."])
 
 
 def total_table(summary: Mapping[str, Any]) -> Table:
     """Number and share of correct targets, and of misses by cause."""
-    counts = summary["waterfall"]
-    if "total" in counts:
-        counts = counts["total"]
     total = max(summary["targets"], 1)
     rows = [
-        [_words(name), str(count), format_share(count / total)] for name, count in counts.items()
+        [_words(name), str(count), format_share(count / total)]
+        for name, count in summary["waterfall"]["total"].items()
     ]
     return Table(["targets ended as", "number", "share"], rows)
 
@@ -229,12 +204,9 @@ def total_table(summary: Mapping[str, Any]) -> Table:
 def waterfall_tables(summary: Mapping[str, Any]) -> list[Table]:
     """Misses by cause: a table by object, and one by class of the visible fraction.
 
-    Causes without a miss are left out. Empty for summaries of old runs, which know no causes.
+    Causes without a miss are left out.
     """
-    waterfall = summary["waterfall"]
-    if "total" not in waterfall:
-        return []
-    total = waterfall["total"]
+    waterfall, total = summary["waterfall"], summary["waterfall"]["total"]
     causes = [name for name, count in total.items() if count and name != CORRECT]
     header = ["targets", CORRECT, *map(_words, causes)]
     tables = []
@@ -250,24 +222,14 @@ def waterfall_tables(summary: Mapping[str, Any]) -> list[Table]:
 def votes_table(summary: Mapping[str, Any]) -> Table:
     """Mean number of votes for one object in one frame, and shares of good ones.
 
-    For their meaning see `evaluation.vote_quality`. Empty for summaries of old runs without votes.
+    For their meaning see `evaluation.vote_quality`.
     """
-    votes = summary.get("votes", {"per_object": {}})
-    groups = {**votes["per_object"], "all": votes["total"]} if "total" in votes else {}
+    votes = summary["votes"]
     rows = [
         [name, _ms(quality["votes"]), *(format_share(quality[key]) for key in VOTE_LABELS)]
-        for name, quality in groups.items()
+        for name, quality in {**votes["per_object"], "all": votes["total"]}.items()
     ]
     return Table(["votes", "number", *VOTE_LABELS.values()], rows)
-
-
-def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
-    """A row a run: recalls over its targets, BOP's average recall, time of one object, load."""
-    shown = ["targets", *METRIC_LABELS.values(), "AR", "ms", "load"]
-    cells = {name: run_cells(summary) for name, summary in summaries.items()}
-    return Table(
-        ["run", *shown], [[name, *(own[column] for column in shown)] for name, own in cells.items()]
-    )
 
 
 def _words(name: str) -> str:

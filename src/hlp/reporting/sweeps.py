@@ -22,7 +22,6 @@ from hlp.results.recalls import TargetKey, read_target_values
 from hlp.settings import Stored, read_as
 
 _LOG = "hlp.log"
-_NAMED = 3  # ties that a sentence names
 
 
 @dataclass(frozen=True)
@@ -116,30 +115,21 @@ class Sweep:
         """The number that decides which run is the best; empty without any."""
         return next(iter(self.mains), "")
 
-    @property
-    def _sign(self) -> int:
-        """Of that number: 1 if more of it is better, -1 of times."""
-        return -1 if self.numbers[self.first_main].quantity == "time" else 1
-
     @cached_property
-    def highest(self) -> SweepRun | None:
-        """The run with the highest recall, or the shortest time, by the first main number.
+    def best(self) -> SweepRun | None:
+        """The run with the highest recall, by the first main number.
 
-        None if fewer than two finished, or if their targets differ.
+        That of the defaults, unless the other is surely better. None if fewer than two finished, or
+        if their targets differ.
         """
-        name = self.first_main
+        name, default = self.first_main, self.reference
         found = [run for run in self.finished if name in run.numbers]
         same = {(run.frames_identity, frozenset(run.targets.get(name, ()))) for run in found}
         if len(found) < 2 or len(same) > 1:
             return None
-        return max(found, key=lambda run: self._sign * run.numbers[name].value)
-
-    @cached_property
-    def best(self) -> SweepRun | None:
-        """The highest run; that of the defaults, unless the other is surely better."""
-        found, default = self.highest, self.reference
-        tied = self.is_default and found and default and self._are_tied(default, found)
-        return default if tied else found
+        highest = max(found, key=lambda run: run.numbers[name].value)
+        tied = self.is_default and default and self._are_tied(default, highest)
+        return default if tied else highest
 
     @cached_property
     def ties(self) -> list[SweepRun]:
@@ -147,7 +137,7 @@ class Sweep:
         best, name = self.best, self.first_main
         others = [run for run in self.finished if best and run is not best and name in run.numbers]
         tied = [run for run in others if best and self._are_tied(best, run)]
-        return sorted(tied, key=lambda run: -self._sign * run.numbers[name].value)
+        return sorted(tied, key=lambda run: -run.numbers[name].value)
 
     def _are_tied(self, first: SweepRun, second: SweepRun) -> bool:
         found = self._paired(first, second, self.first_main)
@@ -157,14 +147,12 @@ class Sweep:
         """Second's number minus first's."""
         if first.frames_identity != second.frames_identity:
             return None  # targets of equal names may be of other frames
-        values = (run.targets.get(name, {}) for run in (first, second))
-        return paired_difference(*values, medians=self.numbers[name].quantity == "time")
+        return paired_difference(*(run.targets.get(name, {}) for run in (first, second)))
 
     def difference(self, run: SweepRun, name: str) -> Difference | None:
         """The run's number minus the reference's, over the targets of both.
 
-        Of recalls the difference of the means, of times of the medians. None for the reference
-        itself, and for what cannot be compared.
+        None for the reference itself, and for what cannot be compared.
         """
         return self.differences.get(name, {}).get(run.folder.name)
 
@@ -185,9 +173,7 @@ class Sweep:
         """The best run in words, what it is compared with, and its ties; empty without any."""
         if (best := self.best) is None:
             return ""
-        named = ", ".join(map(self._measured, self.ties[:_NAMED]))
-        more = f" and {len(self.ties) - _NAMED} more" if len(self.ties) > _NAMED else ""
-        tied = f"; a tie with it: {named}{more}" if self.ties else ""
+        tied = f"; a tie with it: {', '.join(map(self._measured, self.ties))}" if self.ties else ""
         return f"{self._measured(best)}, {self._compared(best)}{tied}"
 
     @property
@@ -212,16 +198,8 @@ class Sweep:
         found = self.difference(run, self.first_main)
         if found is None:
             return f"it shares no target with {name}"
-        words, interval = say_difference(self.numbers[self.first_main], found)
-        word = "less" if self._sign < 0 else "more"
-        return (
-            f"{words} ({interval}) against {name}, {'' if surely(found) else 'not '}surely {word}"
-        )
-
-
-def say_difference(number: Number, found: Difference) -> list[str]:
-    """A difference, and its 95 % interval: recalls with three decimals, times with one."""
-    return difference_cells(found, "{:+.1f}" if number.quantity == "time" else "{:+.3f}")
+        words, interval = difference_cells(found)
+        return f"{words} ({interval}) against {name}, {'' if surely(found) else 'not '}surely more"
 
 
 def short_key(key: str) -> str:

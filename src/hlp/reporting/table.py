@@ -1,12 +1,11 @@
 """A table of text in the layouts that people and papers need."""
 
+import math
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tabulate import tabulate
-
-from hlp.errors import InputError
 
 # LaTeX's own fonts lack these signs; tabulate escapes everything else.
 _LATEX_SIGNS = str.maketrans({"°": r"$^\circ$", "θ": r"$\theta$", "τ": r"$\tau$"})
@@ -14,7 +13,7 @@ _LATEX_SIGNS = str.maketrans({"°": r"$^\circ$", "θ": r"$\theta$", "τ": r"$\ta
 TERMINAL = 80
 """Columns of a terminal."""
 _GAP = "  "  # between two columns
-_SHORTEST = 6  # characters of a cell that is cut
+_SHORTEST = 12  # characters of a cell that is cut
 
 
 @dataclass(frozen=True)
@@ -29,35 +28,15 @@ class Table:
         kept = [i for i, name in enumerate(self.header) if name not in names]
         return Table([self.header[i] for i in kept], [[row[i] for i in kept] for row in self.rows])
 
-    def fitted(self, *columns: int, width: int = TERMINAL, ends: bool = False) -> "Table":
-        """The table with cells of these columns cut, the longest first, until it fits `width`.
-
-        Of paths, the `ends` are kept, which tell them apart. At least a few characters stay, so a
-        table of many columns may still be wider.
-        """
-        lines = [[*self.header], *([*row] for row in self.rows)]
-        widths = self._widths()
-        while sum(widths) + len(_GAP) * (len(widths) - 1) > width:
-            widest = max(columns, key=lambda column: widths[column])
-            if widths[widest] <= _SHORTEST:
-                break
-            widths[widest] -= 1
-        for line in lines:
-            for column in columns:
-                cell, kept = line[column], widths[column] - 1
-                if len(cell) > widths[column]:
-                    line[column] = f"…{cell[-kept:]}" if ends else f"{cell[:kept]}…"
-        return Table(lines[0], lines[1:])
-
     def parts(self, width: int = TERMINAL) -> list["Table"]:
-        """The table, or if it is wider than `width` several: the first column with some others.
+        """The table as it fits `width`: names are cut, or there are several of some columns each.
 
-        Then names that would take more than a third of the width are cut.
+        Only the first column is cut; of paths the ends are kept, which tell them apart.
         """
-        widths, room, groups = self._widths(), width, list[list[int]]()
-        if sum(widths) + len(_GAP) * (len(widths) - 1) <= width:
-            return [self]
-        first = min(widths[0], max(width // 3, _SHORTEST))
+        widths, room, groups = self._widths(), 0, list[list[int]]()
+        others = sum(widths[1:]) + len(_GAP) * len(widths[1:])
+        if (first := min(widths[0], max(width - others, _SHORTEST))) + others > width:
+            first = min(widths[0], max(width // 3, _SHORTEST))
         for column in range(1, len(widths)):
             needed = len(_GAP) + widths[column]
             if not groups or needed > room:
@@ -65,10 +44,7 @@ class Table:
                 room = width - first
             groups[-1].append(column)
             room -= needed
-        lines = [[line[0], *line[1:]] for line in (self.header, *self.rows)]
-        for line in lines:
-            if len(line[0]) > first:
-                line[0] = f"{line[0][: first - 1]}…"
+        lines = [[_cut(line[0], first), *line[1:]] for line in (self.header, *self.rows)]
         picked = [[[line[i] for i in (0, *group)] for line in lines] for group in groups or [[]]]
         return [Table(part[0], part[1:]) for part in picked]
 
@@ -103,12 +79,18 @@ class Table:
         )
 
 
+def _cut(name: str, width: int) -> str:
+    if len(name) <= width:
+        return name
+    return f"…{name[1 - width :]}" if "/" in name else f"{name[: width - 1]}…"
+
+
 LAYOUTS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Table.markdown}
 """What the user may choose as `format`."""
 
 
 def lay_out(table: Table, layout: str) -> str:
-    """The table in a layout of `LAYOUTS`; in parts below each other if a terminal is too narrow."""
+    """The table in a layout of `LAYOUTS`; for a terminal `Table.parts` below each other."""
     tables = table.parts() if layout == "text" else [table]
     return "\n\n".join(map(LAYOUTS[layout], tables))
 
@@ -120,32 +102,11 @@ def prose(words: str, layout: str) -> str:
     return textwrap.fill(words, TERMINAL, break_long_words=False, break_on_hyphens=False)
 
 
-def check_layout(layout: str) -> None:
-    """Raise InputError if a layout is not in `LAYOUTS`."""
-    if layout not in LAYOUTS:
-        raise InputError(f"format={layout}: choose one of {', '.join(LAYOUTS)}")
-
-
-def format_share(value: float | None) -> str:
-    """A recall or another share with three decimals; empty for None."""
-    return "" if value is None else f"{value:.3f}"
+def format_share(value: float | None, digits: int = 3) -> str:
+    """A recall or another share; empty for None and NaN."""
+    return "" if value is None or math.isnan(value) else f"{value:.{digits}f}"
 
 
 def format_interval(ends: Sequence[float]) -> str:
     """The 95 % interval of a share."""
     return "-".join(format_share(end) for end in ends)
-
-
-def result_share(value: float | None, form: str = "{:.3f}") -> str:
-    """A share as result files have it, without a leading zero: `.971`; empty for None."""
-    if value is None:
-        return ""
-    rounded = round(value, 3)
-    return (form if rounded else "{:.3f}").format(rounded + 0.0).replace("0.", ".", 1)
-
-
-def result_difference(found: tuple[float, tuple[float, float]] | None) -> list[str]:
-    """A difference of shares and the ends of its interval, as result files have them."""
-    if found is None:
-        return ["", "", ""]
-    return [result_share(value, "{:+.3f}") for value in (found[0], *found[1])]

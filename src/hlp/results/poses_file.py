@@ -19,7 +19,7 @@ from hlp.files import POSES, read_csv, replaced, write_csv, write_text
 from hlp.folders import locked
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate, TargetScore
-from hlp.schemas import number, require_rotation, whole_ids
+from hlp.schemas import exact_rotation, number, whole_ids
 
 POSE_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 
@@ -76,7 +76,7 @@ def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
         raise DataError(f"{where}: no pose in BOP's format ({error})") from error
     if not np.isfinite([*rotation.ravel(), *millimetres, score, time]).all():
         raise DataError(f"{where}: NaN or infinity")
-    require_rotation(rotation, f"{where}: R", _ROTATION_TOLERANCE)
+    exact_rotation(rotation, f"{where}: R", _ROTATION_TOLERANCE)
     pose = rigid(rotation, millimetres / MILLIMETRES_PER_METRE)
     seconds = {"total": time} if time >= 0 else {}
     return PoseEstimate(scene, image, object_id, pose, score, seconds)

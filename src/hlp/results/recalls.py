@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hlp.errors import DataError
-from hlp.files import read_json, read_table, write_csv
+from hlp.files import read_csv, read_json, write_csv
 from hlp.records import TargetScore
 
 Summary = dict[str, Any]
@@ -27,11 +27,14 @@ METRICS: dict[str, Callable[[TargetScore], bool]] = {
 }
 """Name of each metric in `summary.json`, and the verdict of a score that it counts."""
 
-_REQUIRED = {"targets", "metrics", "per_object", "timing_ms", "waterfall"}
+_REQUIRED = {
+    *("targets", "metrics", "per_object", "bop", "calibration", "false_alarms"),
+    *("timing", "timing_ms", "waterfall", "votes"),
+}
 
 
 def read_summary(path: Path) -> Summary:
-    """Read `summary.json`. Raises MissingFileError, and DataError if it is not one."""
+    """Read `summary.json`. Raises MissingFileError, DataError if it is none of this version."""
     summary: Summary = read_json(path)
     if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
         lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""
@@ -101,7 +104,8 @@ def read_target_values(folder: Path) -> dict[str, dict[TargetKey, float]]:
     path = folder / FILE
     if not path.is_file():
         return {}
-    names, rows = read_table(path, _COLUMNS)
+    rows = read_csv(path, _COLUMNS, more=True)
+    names = [name for name in (rows[0] if rows else ()) if name not in _COLUMNS]
     values: dict[str, dict[TargetKey, float]] = {name: {} for name in names}
     for line, row in enumerate(rows, start=2):
         try:
@@ -119,7 +123,6 @@ def read_target_values(folder: Path) -> dict[str, dict[TargetKey, float]]:
 BLOCK = 20
 """Frames that are drawn together, at most (D)."""
 _BLOCKS = 10  # at least, of which the resamples are made
-_AT_ONCE = 1_000_000  # values of resamples in memory
 Values = Bool[np.ndarray, "n"] | Float[np.ndarray, "n"]
 
 
@@ -172,24 +175,6 @@ def difference_interval(
     return max(low - below, -1.0), min(high + above, 1.0)
 
 
-def median_difference_interval(
-    first: Values, second: Values, blocks: Int[np.ndarray, "n"], resamplings: int, seed: int
-) -> tuple[float, float]:
-    """As `difference_interval`, of medians."""
-    order, counts = np.argsort(blocks, kind="stable"), np.bincount(blocks)
-    place = np.arange(len(blocks)) - np.repeat(np.cumsum(counts) - counts, counts)
-    padded = np.full((2, len(counts), counts.max()), np.nan)
-    padded[:, blocks[order], place] = np.stack([first, second])[:, order]
-    rng = np.random.default_rng(seed)
-    drawn = rng.integers(len(counts), size=(resamplings, len(counts)))
-    differences = []
-    for some in np.array_split(drawn, max(1, padded[0].size * resamplings // _AT_ONCE)):
-        medians = np.nanmedian(padded[:, some].reshape(2, len(some), -1), axis=-1)
-        differences.append(medians[1] - medians[0])
-    low, high = np.percentile(np.concatenate(differences), [2.5, 97.5])
-    return float(low), float(high)
-
-
 def wilson(recall: float, targets: int) -> tuple[float, float]:
     """Wilson's 95 % interval of a recall over independent targets (Wilson 1927)."""
     from scipy.stats import binomtest  # takes half a second to import
@@ -211,10 +196,6 @@ def _bootstrap(
 
 def reliability(scores: Values, right: Values, bins: int = 10) -> Float[np.ndarray, "b 3"]:
     """Number of answers, mean score and share of right ones of each bin that has any."""
-    if len(scores) == 0:
-        raise ValueError("no answer to calibrate")
-    if not ((scores >= 0.0) & (scores <= 1.0)).all():
-        raise ValueError("scores must be probabilities, from 0 to 1")
     place = np.minimum((scores * bins).astype(int), bins - 1)
     count, total, hits = (
         np.bincount(place, weights, bins) for weights in (None, scores, right.astype(float))

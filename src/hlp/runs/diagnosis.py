@@ -9,7 +9,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
@@ -18,9 +17,10 @@ from hlp.data.dataset import Dataset, FrameSource, annotated_mask
 from hlp.errors import DataError
 from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.bop_recalls import unoccluded_mask
-from hlp.evaluation.errors import is_symmetric_flip, near_truth, poses_near_truth
+from hlp.evaluation.errors import is_symmetric_flip, near_truth
 from hlp.evaluation.evaluator import FrameTruth, add_correct
 from hlp.evaluation.waterfall import TargetCounts, TargetResults, VoteCounts, cause_of
+from hlp.geometry import transform
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
 from hlp.progress import Progress
 from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, frame_key
@@ -103,10 +103,8 @@ def explain_misses(
     `scores` holds one score per target, from `score_targets` in the order of the notes.
     """
     # The targets of a frame follow each other, so its two files are read once.
-    folders: dict[Stage, Path] = {
-        "hypotheses": detection.hypotheses().folder,
-        "poses": detection.poses().folder,
-    }
+    stages: tuple[Stage, ...] = ("hypotheses", "poses")
+    folders = {stage: detection.make(stage).folder for stage in stages}
     read = lru_cache(maxsize=1)(partial(read_trace, folders))
     explained = []
     pairs = list(zip(scores, (noted for frame in notes for noted in frame.targets), strict=True))
@@ -134,9 +132,11 @@ def _results(
     chosen = [] if fine is None else fine.chosen_poses
     sources = np.zeros(0, dtype=int) if fine is None else fine.sources
     basin = (settings.waterfall.basin_deg, settings.waterfall.basin_mm)
+    poses = coarse.poses_cam_obj
+    places = poses[:, :3, :3], transform(poses, model.centroid[None])[:, 0]
     return TargetResults(
         counts,
-        near_basin=poses_near_truth(coarse.poses_cam_obj, true, model, settings, basin),
+        near_basin=near_truth(*places, true, model, settings, basin),
         refined=sources[sources >= 0],  # the others come from the fallback
         right=add_correct(np.reshape(refined, (-1, 4, 4)), true, model, settings),
         flipped=any(is_symmetric_flip(pose, true, model, settings) for pose in chosen),

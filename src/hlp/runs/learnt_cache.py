@@ -50,10 +50,9 @@ def find_learnt(given: str, cache: Path) -> Path:
         restore_replaced(named)
         if (named / RECORD).is_file():
             return named
-    known = ", ".join(entry.name for entry in list_learnt(cache)) or "nothing"
     raise MissingFileError(
-        f"learnt={given}: neither a folder of learnt objects nor a name; {cache} holds {known}. "
-        "Learn objects with `hlp learn mesh=FILE`"
+        f"learnt={given}: neither a folder of learnt objects nor a name; {cache} holds "
+        f"{_names(cache)}. Learn objects with `hlp learn mesh=FILE`"
     )
 
 
@@ -66,26 +65,24 @@ def find_whole(given: str, cache: Path) -> Path:
 
 def list_learnt(cache: Path) -> list[LearntEntry]:
     """Everything in the cache, by name, also what is damaged."""
-    if not cache.is_dir():
-        return []
-    return [_listed(path.parent) for path in sorted(cache.glob(f"*/{RECORD}"))]
+    entries = []
+    for folder in sorted(path.parent for path in cache.glob(f"*/{RECORD}")):
+        try:
+            entries.append(describe_learnt(folder))
+        except DataError as error:
+            entries.append(LearntEntry(folder.name, folder, 0, (), str(error)))
+    return entries
 
 
-def _listed(folder: Path) -> LearntEntry:
-    try:
-        return describe_learnt(folder)
-    except DataError as error:
-        return LearntEntry(folder.name, folder, 0, (), str(error))
+def _names(cache: Path) -> str:
+    return ", ".join(entry.name for entry in list_learnt(cache)) or "nothing"
 
 
 def describe_learnt(folder: Path) -> LearntEntry:
     """Name, size and content of a folder of learnt objects. Raises DataError if it is damaged."""
     objects = tuple(read_record(folder).objects)
-    return LearntEntry(folder.name, folder, _size(folder), objects)
-
-
-def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in own_files(folder))
+    size = sum(path.stat().st_size for path in own_files(folder))
+    return LearntEntry(folder.name, folder, size, objects)
 
 
 def remove_learnt(name: str, cache: Path) -> Path:
@@ -98,8 +95,7 @@ def remove_learnt(name: str, cache: Path) -> Path:
         raise InputError(f"{name} is not a name in {cache}: delete other folders yourself")
     folder = find_learnt(name, cache) if (cache / name / RECORD).is_file() else None
     if folder is None or folder.parent != cache:
-        known = ", ".join(entry.name for entry in list_learnt(cache)) or "nothing"
-        raise MissingFileError(f"{cache} holds no {name}; it holds {known}")
+        raise MissingFileError(f"{cache} holds no {name}; it holds {_names(cache)}")
     hidden = tempfile.mkdtemp(prefix=_REMOVED, dir=cache)  # a killed call leaves no half of it
     folder.rename(Path(hidden, name))
     shutil.rmtree(hidden)

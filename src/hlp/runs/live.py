@@ -1,11 +1,11 @@
 """`hlp live`: an answer to each image of a camera as it comes, as a line of JSON; its page."""
 
-import select
-import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -28,82 +28,46 @@ from hlp.runs.prediction import detection_values
 from hlp.settings import Doc
 
 HOST = "127.0.0.1"
-_CLIENTS = 16  # at once
-_INTERVAL = 0.01  # s between two looks for another picture
 _PATIENCE = 10.0  # s, with a client that neither asks nor reads
-_PART = "--picture\r\nContent-Type: image/jpeg\r\nContent-Length: {}\r\n\r\n"
 _PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>hlp live</title>
 <style>body{margin:0;background:#111}img{max-width:100vw;max-height:100vh}</style>
-<img src="stream" alt="The last image with the poses that were found"></html>
+<img alt="The last image with the poses that were found"><script>
+const image = document.querySelector("img");
+const show = () => { image.src = "picture.jpg?" + Date.now(); };
+image.onload = () => setTimeout(show, 30);
+image.onerror = () => setTimeout(show, 500);
+show();
+</script></html>
 """
 
 
-class PictureStream:
+class PicturePage(ThreadingHTTPServer):
     """Serves the last picture on `http://127.0.0.1:PORT` until it is closed.
 
-    `/` is a page, `/stream` the pictures as they come, `/picture.jpg` the last one. Nobody outside
-    of this machine can reach it, nor can other sites' pages in its browsers. Raises InputError if
-    the port is taken; port 0 takes a free one.
+    `/` is a page that asks for `/picture.jpg` again and again. Nobody outside of this machine can
+    reach it, nor can other sites' pages in its browsers. Raises InputError if the port is taken;
+    port 0 takes a free one.
     """
 
+    daemon_threads = True
+    picture = b""
+
     def __init__(self, port: int) -> None:
-        self._shown: tuple[bytes, int] = b"", 0
-        self._closed = False
         try:
-            self._server = _Server((HOST, port), _Handler)
+            super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
             raise InputError(f"page={port}: {error}: give another port") from error
-        self._server.stream = self
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        threading.Thread(target=self.serve_forever, daemon=True).start()
 
     @property
     def address(self) -> str:
         """Address of the page."""
-        return f"http://{HOST}:{self._server.server_address[1]}/"
-
-    def show(self, jpeg: bytes) -> None:
-        """Replace the picture."""
-        self._shown = jpeg, self._shown[1] + 1
-
-    def pictures(self, client: socket.socket) -> Iterator[bytes]:
-        """The last picture and those that follow, until the end or until the client has gone."""
-        shown = 0
-        while True:
-            ends, (picture, number) = self._closed, self._shown
-            if number > shown:
-                yield picture
-                shown = number
-            elif ends or select.select([client], [], [], 0)[0]:  # it can only say goodbye
-                return
-            else:
-                time.sleep(_INTERVAL)
+        return f"http://{HOST}:{self.server_address[1]}/"
 
     def close(self) -> None:
         """Stop serving."""
-        self._closed = True
-        self._server.shutdown()
-        self._server.server_close()
-
-
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    request_queue_size = _CLIENTS
-    stream: PictureStream
-
-    def __init__(self, *given: Any) -> None:
-        self._free = threading.Semaphore(_CLIENTS)
-        super().__init__(*given)
-
-    def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Whether there is room for one more; else the server hangs up."""
-        return self._free.acquire(blocking=False)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, in a thread of its own."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
+        self.shutdown()
+        self.server_close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that hangs up is no error; a bug shows its traceback."""
@@ -112,35 +76,23 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Server
+    server: PicturePage
     timeout = _PATIENCE
 
     def do_GET(self) -> None:
-        """Answer one request."""
-        if not self._is_own():
+        """Answer one request; another name that leads here belongs to another site's page."""
+        path, picture = self.path.partition("?")[0], self.server.picture
+        if self.headers.get("Host", "").split(":")[0] not in (HOST, "localhost"):
             self.send_error(403, f"ask for {HOST}")
-        elif self.path == "/":
+        elif path == "/":
             self._send("text/html", _PAGE)
-        elif self.path == "/picture.jpg":
-            self._send("image/jpeg", next(self.server.stream.pictures(self.connection), b""))
-        elif self.path == "/stream":
-            self._stream()
+        elif path == "/picture.jpg" and picture:
+            self._send("image/jpeg", picture)
         else:
             self.send_error(404)
 
-    def _is_own(self) -> bool:
-        """Whether no other site's page embeds this, or has made its name lead here (DNS rebinding).
-
-        A link may lead here, and another port may be forwarded to ours.
-        """
-        said, host = self.headers, self.headers.get("Host", "")
-        linked = said.get("Sec-Fetch-Dest") == "document"
-        own = said.get("Origin", f"//{host}").partition("//")[2] == host
-        own &= linked or said.get("Sec-Fetch-Site", "none") in ("none", "same-origin")
-        return own and host.split(":")[0] in (HOST, "localhost")
-
     def end_headers(self) -> None:
-        """Other pages may not show the pictures."""
+        """Other sites' pages may not show the pictures."""
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")
         super().end_headers()
 
@@ -151,16 +103,9 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_response(200)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
-
-    def _stream(self) -> None:
-        self.send_response(200)
-        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=picture")
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        for picture in self.server.stream.pictures(self.connection):
-            self.wfile.write(_PART.format(len(picture)).encode() + picture + b"\r\n")
+        self.wfile.write(content)
 
 
 Line = Mapping[str, Any]
@@ -187,47 +132,32 @@ class LivePictures:
         if overlay is not None and overlay.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
             raise InputError(f"overlay={overlay}: it must be a .png or .jpg file")
         self._models, self._overlay = models, overlay
-        self._stream = None if page is None else PictureStream(page)
-        self._changed, self._closed = threading.Condition(), False
-        self._waiting: tuple[CameraImage, Sequence[Detection]] | None = None
-        self._error: OSError | None = None
-        self._thread = threading.Thread(target=self._draw_all, daemon=True)
-        self._thread.start()
+        self._page = None if page is None else PicturePage(page)
+        self._waiting: deque[tuple[CameraImage, Sequence[Detection]]] = deque(maxlen=1)
+        self._drawer = ThreadPoolExecutor(1)
+        self._drawn = self._drawer.submit(self._draw_last)
 
     @property
     def address(self) -> str | None:
         """Address of the page."""
-        return None if self._stream is None else self._stream.address
+        return None if self._page is None else self._page.address
 
     def show(self, image: CameraImage, found: Sequence[Detection]) -> None:
         """Draw an image soon. Raises OSError if the picture before could not be written."""
-        with self._changed:
-            if self._error is not None:
-                raise self._error
-            self._waiting = image, found
-            self._changed.notify()
+        if self._drawn.done():
+            self._drawn.result()
+        self._waiting.append((image, found))
+        self._drawn = self._drawer.submit(self._draw_last)
 
     def close(self) -> None:
         """Draw what is waiting, then stop."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify()
-        self._thread.join()
-        if self._stream is not None:
-            self._stream.close()
+        self._drawer.shutdown()
+        if self._page is not None:
+            self._page.close()
 
-    def _draw_all(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._waiting is not None)
-                shown, self._waiting = self._waiting, None
-            if shown is None:
-                return
-            try:
-                self._draw(*shown)
-            except OSError as error:
-                self._error = error
-                return
+    def _draw_last(self) -> None:
+        if self._waiting:  # otherwise the call before has drawn it
+            self._draw(*self._waiting.pop())
 
     def _draw(self, image: CameraImage, found: Sequence[Detection]) -> None:
         from hlp.reporting.figures.panels import draw_detections  # needed by few
@@ -235,8 +165,8 @@ class LivePictures:
         frame = Frame(0, 0, image.rgb, image.depth, image.camera_matrix)
         poses = [(self._models[answer.object], answer.pose_cam_obj) for answer in found]
         picture = cv2.cvtColor(draw_detections(frame, poses), cv2.COLOR_RGB2BGR)
-        if self._stream is not None:
-            self._stream.show(cv2.imencode(".jpg", picture)[1].tobytes())
+        if self._page is not None:
+            self._page.picture = cv2.imencode(".jpg", picture)[1].tobytes()
         if self._overlay is not None:
             content = cv2.imencode(self._overlay.suffix, picture)[1].tobytes()
             with replaced(self._overlay) as stream:

@@ -96,8 +96,6 @@ def _without_output(value: Any) -> Any:
 
 
 _NAME = re.compile(r"[\w][\w .+-]*")
-_OF_HYDRA = ("hydra", "defaults")
-_DEEPEST = 50
 
 
 def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> str:
@@ -171,37 +169,26 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
 
     The address of a cluster is accepted if it is among the overrides too, with any value.
     """
-
-    def refuse(key: str, found: object, why: str) -> None:
-        raise DataError(f"{manifest}: config.{key} is {str(found)[:100]!r}: {why}")
-
-    for name in _OF_HYDRA:
-        if name in config:
-            refuse(name, config[name], "a manifest holds no configuration of Hydra")
-    for key, value in _entries(config, manifest):
-        last = key.rpartition(".")[2]
-        if last.startswith("_"):
-            refuse(key, value, "a manifest names nothing that is to be called")
-        if "/" in last or "\\" in last:
-            refuse(key, value, "no key is a path")
-        if isinstance(value, str) and "${" in value:
-            refuse(key, value, "a manifest holds plain values, which refer to nothing")
-        if last == "name" and isinstance(value, str) and not _NAME.fullmatch(value):
-            refuse(key, value, "a name is not a path")
-    executor = config.get("executor")
-    address = executor.get("address") if isinstance(executor, Mapping) else None
-    own = any(given.startswith("executor.address=") for given in overrides)
-    if address is not None and not own:
-        why = "work would be sent there; give executor.address=… yourself if it is your cluster"
-        refuse("executor.address", address, why)
+    own_cluster = any(given.startswith("executor.address=") for given in overrides)
+    for key, value in _entries(config):
+        last, text = key.rpartition(".")[2], value if isinstance(value, str) else "name"
+        refused = {
+            "a manifest holds no configuration of Hydra": key in ("hydra", "defaults"),
+            "a manifest names nothing that is to be called": last.startswith("_"),
+            "no key is a path": "/" in last or "\\" in last,
+            "a manifest holds plain values, which refer to nothing": "${" in text,
+            "a name is not a path": last == "name" and not _NAME.fullmatch(text),
+            "work would be sent there; give executor.address=… yourself if it is your cluster": (
+                key == "executor.address" and value is not None and not own_cluster
+            ),
+        }
+        for why, wrong in refused.items():
+            if wrong:
+                raise DataError(f"{manifest}: config.{key} is {str(value)[:100]!r}: {why}")
 
 
-def _entries(
-    value: Any, manifest: Path, key: str = "", depth: int = 0
-) -> Iterator[tuple[str, Any]]:
+def _entries(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     """All keys, joined by dots, and their values, those of lists too."""
-    if depth > _DEEPEST:
-        raise DataError(f"{manifest}: config is nested more than {_DEEPEST} deep")
     if key:
         yield key, value
     items: dict[str, Any] = {}
@@ -210,4 +197,4 @@ def _entries(
     elif isinstance(value, list):
         items = {f"{key}[{place}]": item for place, item in enumerate(value)}
     for name, item in items.items():
-        yield from _entries(item, manifest, name, depth + 1)
+        yield from _entries(item, name)

@@ -23,7 +23,7 @@ from hlp.reporting.mlflow.pages import experiment_tags, how_to_browse, short_nam
 from hlp.reporting.mlflow.registry import register
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.mlflow.tracking import REVISION, track_run
-from hlp.reporting.page.report_data import FOLDER, PANELS, drawn_stages, read_report_data
+from hlp.reporting.page.report_data import FOLDER, PANELS, ReportData, drawn_stages
 from hlp.stages.manifest import git_revision
 from hlp.stages.store import StageStore
 
@@ -50,7 +50,6 @@ def begun(
     output.mkdir(parents=True, exist_ok=True)
     remove_unfinished(output)  # or MLflow would get it
     (output / MANIFEST).unlink(missing_ok=True)
-    remove_unfinished(output)
     name = short_name(chosen.overrides, chosen.groups, settings.name)
     data = str(run.config["data"]["name"])
     with track_run(
@@ -121,13 +120,13 @@ def log_pictures(output: Path, tracker: MlflowRun) -> None:
     for path in drawn_stages(output).values():
         tracker.log_image(path, f"{_PICTURES}/stages - {path.stem.replace('_', ' ')}", 0)
     scores = read_targets(output / SCORES)
-    shown = read_report_data(output).targets
+    shown = ReportData.read(output).scenes
     missed = [key for key in sorted(shown) if key in scores and not scores[key].correct("add")]
     steps: dict[str, int] = {}
     for key in missed[:: max(1, -(-len(missed) // MOST_MISSES))]:
         cause = (scores[key].score.cause or "unknown").replace("_", " ")
         steps[cause] = steps.get(cause, -1) + 1
-        picture = output / FOLDER / shown[key]["picture"]
+        picture = output / FOLDER / shown[key].picture
         tracker.log_image(picture, f"{_PICTURES}/missed - {cause}", steps[cause])
 
 

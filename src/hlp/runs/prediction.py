@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from tqdm import tqdm
 
 import hlp
+from hlp.arrays import spread
 from hlp.checks.known_objects import FaultWatch
 from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
@@ -28,7 +29,6 @@ from hlp.progress import Progress
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.poses_file import LINES, AnswersFile
-from hlp.runs import spread
 from hlp.settings import Doc, Settings
 
 HEADER = (

@@ -7,7 +7,6 @@ from typing import Any
 
 from hlp.config.build import Run
 from hlp.data.dataset import CheckedFrames
-from hlp.errors import DataError
 from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import count_false_alarms, scores_in_vain, summarise
 from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
@@ -27,7 +26,6 @@ from hlp.reporting.page.pages import write_run_page
 from hlp.reporting.page.report_data import PANELS, STAGES
 from hlp.reporting.paper_reports import TABLES
 from hlp.reporting.summary_tables import format_summary
-from hlp.reporting.table import prose
 from hlp.results.poses_file import read_poses, write_poses, write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
 from hlp.runs.manifest import make_manifest, poses_digest
@@ -39,7 +37,6 @@ from hlp.stages.frame_task import render_in_workers
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 
-_NAMED = 10  # frames that the last message names
 _logger = logging.getLogger(__name__)
 
 
@@ -59,7 +56,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         render_in_workers(detection.training, settings.executor)
         estimates, notes = _find(run, detection)
         trained = log_training(detection.training, tracker)
-        require_some(detection.failed, len(run.keys))
+        run.require_some(detection.failed)
         timing = measure_times(run, detection, estimates)
         in_vain = _search_empty(run, detection)
         summary = _score(run, detection, estimates, notes, timing, in_vain, output)
@@ -176,13 +173,6 @@ def stages_of(run: Run, store: StageStore, on_bad_frame: OnBadFrame = "fail") ->
     )
 
 
-def require_some(failed: Mapping[str, str], frames: int) -> None:
-    """Raise DataError if all of a run's frames have failed."""
-    if len(failed) == frames:
-        first = next(iter(failed.values()))
-        raise DataError(f"none of the {frames} frames can be used; the first: {first}")
-
-
 def with_failed_frames(
     run: Run, failed: Mapping[str, str], scores: Sequence[TargetScore]
 ) -> list[TargetScore]:
@@ -194,16 +184,16 @@ def with_failed_frames(
     lost = [
         TargetScore(
             *parse_frame_key(key),
-            target.object_id,
+            object_id,
             found=False,
-            visible_fraction=target.visible_fraction,
+            visible_fraction=visible_fraction,
             mssd_recall=0.0,
             mspd_recall=0.0,
             vsd_recall=0.0,
             cause=BAD_FRAME,
         )
         for key in failed
-        for target in source.stated_targets(key)
+        for object_id, visible_fraction in source.stated_targets(key)
     ]
     place = {key: number for number, key in enumerate(run.keys)}
     return sorted([*scores, *lost], key=lambda s: place[frame_key(s.scene_id, s.frame_id)])
@@ -220,12 +210,6 @@ def describe_failed(failed: Mapping[str, str]) -> list[dict[str, object]]:
 
 def say_failed(failed: Mapping[str, str], frames: int) -> None:
     """What a run says of them at its end; nothing if there is none."""
-    if not failed:
-        return
-    named = ", ".join(sorted(failed)[:_NAMED])
-    more = ", …" if len(failed) > _NAMED else ""
-    words = (
-        f"{len(failed)} of {frames} frames could not be used; their targets count as wrong: "
-        f"{named}{more} (the reasons are in summary.json)"
-    )
-    _logger.warning("\n%s", prose(words, "text"))
+    if failed:
+        said = f"\n{len(failed)} of {frames} frames could not be used; their targets count as wrong"
+        _logger.warning("%s (the reasons are in summary.json)", said)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from hlp.arrays import spread
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.config.build import sampled_keys
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
 from hlp.method.find.trace import Trace
@@ -32,8 +32,8 @@ from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.refiner import cost_around
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Observation, observe
-from hlp.reporting.figures.stage_figures import SwarmsOfTarget
-from hlp.reporting.figures.stage_sheets import PatchEntries
+from hlp.reporting.figures.panels import SeenTarget
+from hlp.reporting.figures.stage_figures import PatchEntries, SwarmsOfTarget
 from hlp.runs.diagnosis import visible_pixels
 from hlp.stages.detection import DetectionStages
 from hlp.stages.training import TrainingStages
@@ -54,7 +54,7 @@ class FrameResults:
 
     @classmethod
     def read(
-        cls, detection: DetectionStages, key: str, estimates: Sequence[PoseEstimate]
+        cls, detection: DetectionStages, estimates: Sequence[PoseEstimate], key: str
     ) -> "FrameResults":
         """What lies on disk of a frame that did not fail; `estimates` are the run's."""
         here = [e for e in estimates if frame_key(e.scene_id, e.frame_id) == key]
@@ -111,7 +111,7 @@ class _FewBackgrounds(TrainingImages):
     def load_background_frames(self) -> list[Frame]:
         if (source := self.background_frames) is None:
             return []
-        return [source.load(key) for key in sampled_keys(source.keys, _FRAMES)]
+        return [source.load(key) for key in spread(source.keys, _FRAMES)]
 
 
 def sample_windows(
@@ -139,38 +139,32 @@ def sample_windows(
     return windows.numpy(), labels.numpy()
 
 
-def patches_on_target(
+def entries_on_target(
     training: TrainingStages, found: FrameResults, target: Target, count: int
-) -> LocalPatches:
-    """Up to `count` of the patches, with colour, that lie on a target and voted for its object."""
+) -> list[PatchEntries]:
+    """Up to `count` of the patches that lie on a target and voted for its object.
+
+    Each with the entries of the object that are nearest to it.
+    """
     model, frame = training.models[target.object_id], found.frame
     local = training.settings.patches.local
+    size = local.side_of(model.local_size)
     votes = found.trace[target.object_id].votes
     voted = np.zeros((0, 2)) if votes is None else votes.pixels
     pixels = np.unique(voted, axis=0).astype(np.int64).reshape(-1, 2)
     visible = visible_pixels(training.dataset.frames, frame, target, model)
     pixels = pixels[visible[pixels[:, 1], pixels[:, 0]]]
     count = min(count, len(pixels))
-    chosen = [(2 * i + 1) * len(pixels) // (2 * count) for i in range(count)]
-    size = local.side_of(model.local_size)
-    return cut_local_patches(
-        frame.rgb, frame.depth, frame.camera_matrix, pixels[chosen], size, local, 0.0
-    )
-
-
-def entries_of_patches(
-    training: TrainingStages, frame: Frame, target: Target, patches: LocalPatches
-) -> list[PatchEntries]:
-    """The patches of a target, each with the entries of its object that are nearest to it."""
-    if len(patches) == 0:
+    if count == 0:
         return []
-    model, local = training.models[target.object_id], training.settings.patches.local
+    pixels = pixels[[(2 * i + 1) * len(pixels) // (2 * count) for i in range(count)]]
+    image = frame.rgb, frame.depth, frame.camera_matrix
+    patches = cut_local_patches(*image, pixels, size, local, 0.0)
     codebook, views = training.load_codebook(model.object_id), training.load_views(model.object_id)
     encoder = training.load_encoder()  # the patches have colour, whether or not it takes that
     seen = patches if encoder.sees_color else replace(patches, color=patches.color[..., :0])
     matches = ExactNeighbours(codebook.features, _ENTRIES).search(encoder.encode(seen))
     true_places = transform(inverse(target.pose_cam_obj), patches.points_cam)
-    size = local.side_of(model.local_size)
     shown = []
     for row, entries in enumerate(matches.indices):
         cut = [take_patches(patches, np.array([row]))]
@@ -222,36 +216,34 @@ class RecordedCost(DepthCost):
 
 
 def swarms_of_target(
-    detection: DetectionStages, found: FrameResults, target: Target, verdict: str
+    detection: DetectionStages, found: FrameResults, seen: SeenTarget
 ) -> SwarmsOfTarget | None:
     """The first searches for a target's object; None where none can be repeated.
 
-    The chosen one led to the answer that is nearest to the target. The title tells its `verdict`.
+    The chosen one led to the answer that is nearest to the target.
     """
-    object_id, answer = target.object_id, found.nearest(target)
-    refined, chosen = found.trace[object_id].refined, found.row(object_id, answer)
+    object_id, settings = seen.truth.object_id, detection.settings.refinement
+    refined, chosen = found.trace[object_id].refined, found.row(object_id, seen.estimate)
     rows = [*range(min(_SWARMS, 0 if refined is None else len(refined.refined)))]
     asked = dict.fromkeys(rows if chosen is None else [*rows, chosen])
     searched = {row: search_again(detection, found, object_id, row) for row in asked}
     swarms = {row: rounds for row, rounds in searched.items() if rounds is not None}
     if not swarms:
         return None
-    model, settings = detection.dataset.models[object_id], detection.settings.refinement
     assert isinstance(settings, PsoSettings)  # of others, no search can be repeated
-    seen = _observation(settings, found)
+    observed = _observation(settings, found)
 
     def own_cost(pose_cam_obj: Float[np.ndarray, "4 4"]) -> float:
         """In a search that starts from the pose: others may look at another place."""
-        cost = cost_around(model, seen, pose_cam_obj, settings.cost)
+        cost = cost_around(seen.model, observed, pose_cam_obj, settings.cost)
         return float(cost.evaluate(pose_cam_obj[None])[0])
 
-    pose = None if answer is None else answer.pose_cam_obj
     return SwarmsOfTarget(
-        f"{model.name} {found.frame.key}: {verdict}",
+        f"{seen.model.name} {found.frame.key}: {seen.verdict}",
         list(swarms.values()),
         list(swarms).index(chosen) if chosen in swarms else None,
-        own_cost(target.pose_cam_obj),
-        None if pose is None else own_cost(pose),
+        own_cost(seen.truth.pose_cam_obj),
+        None if seen.pose is None else own_cost(seen.pose),
     )
 
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hlp.config.build import Run, sampled_keys
+from hlp.arrays import spread
+from hlp.config.build import Run
 from hlp.method.find.trace import STAGES, STEPS
 from hlp.progress import Progress
 from hlp.records import PoseEstimate
@@ -69,7 +70,7 @@ def measure_times(
         cpu = detection.cpu_seconds or None
         return Timing(measured, frames, (), detection.first_use_seconds, cpu, _load())
     sound = tuple(key for key in run.keys if key not in detection.failed)
-    keys = sampled_keys(sound, run.settings.timing_frames)
+    keys = spread(sound, run.settings.timing_frames)
     begun = time.perf_counter()
     _search(detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun

@@ -81,20 +81,12 @@ class DetectionStages:
         self.reused: set[str] = set()
         self.made: dict[str, Output] = {}
 
-    def regions(self) -> Output:
-        """Stage 1: candidate regions of the targets of every frame."""
-        return self._make_up_to("regions")
+    def make(self, last: Stage, visit: Visit | None = None) -> Output:
+        """The output of a stage; those before it that are missing are made in the same pass.
 
-    def hypotheses(self) -> Output:
-        """Stage 2: ranked coarse poses of the targets of every frame."""
-        return self._make_up_to("hypotheses")
-
-    def poses(self) -> Output:
-        """Stage 3: the refined hypotheses of every target, and which of them was chosen."""
-        return self._make_up_to("poses")
-
-    def _make_up_to(self, last: Stage, visit: Visit | None = None) -> Output:
-        """The output of a stage; those before it that are missing are made in the same pass."""
+        `regions` are candidate regions of the targets of every frame, `hypotheses` ranked coarse
+        poses, `poses` the refined hypotheses, and which of them were chosen.
+        """
         if last in self.made and visit is None:
             return self.made[last]
         self.training.make_for(self.dataset.target_ids)
@@ -145,9 +137,13 @@ class DetectionStages:
         for stage in stages:
             settings, inputs, modules = self._made_from(stage)
             upstream = {**before, **inputs, "frames": dataset.frames_identity}
-            seed, code = self.settings.seed, stage_code(*always, *modules)
-            of: dict[str, Any] = {"settings": settings | common, "upstream": upstream, "seed": seed}
-            described[stage] = fingerprint(stage, code, **of), of
+            of = {
+                "settings": settings | common,
+                "upstream": upstream,
+                "seed": self.settings.seed,
+                "code": stage_code(*always, *modules),
+            }
+            described[stage] = fingerprint(stage, of), of
             before = {stage: described[stage][0]}
         return described
 
@@ -234,7 +230,6 @@ class DetectionStages:
         begun, counts = time.perf_counter(), self.dataset.instances_to_find(frame)
         unknown = self.dataset.search_all
         return search_frame(
-            self.estimator,
             self.estimator.prepare(frame),
             dict.fromkeys(counts, MOST_INSTANCES) if unknown else counts,
             min_score=MIN_SCORE if unknown else None,
@@ -246,7 +241,7 @@ class DetectionStages:
 
     def read(self, key: str, stages: Sequence[Stage] = STAGES) -> Trace:
         """What stages have found in a frame that did not fail, from disk; made where missing."""
-        found = read_trace({stage: self._make_up_to(stage).folder for stage in stages}, key)
+        found = read_trace({stage: self.make(stage).folder for stage in stages}, key)
         assert not isinstance(found, str), f"frame {key} has failed: {found}"
         return found
 
@@ -261,7 +256,7 @@ class DetectionStages:
         models = {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
         known = not self.dataset.search_all
         scores = {i: partial(model.scores, known_present=known) for i, model in models.items()}
-        self._make_up_to("poses", visit or (lambda key, found: None))
+        self.make("poses", visit or (lambda key, found: None))
         return [
             estimate
             for key in self.keys

@@ -6,22 +6,24 @@ A fingerprint is the name of a stage's output, made from everything that affects
 import dataclasses
 import hashlib
 import json
-import math
 import platform
 import re
 import subprocess
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import distribution, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 
 import hlp
 from hlp.errors import DataError
 from hlp.files import read_json
 from hlp.fingerprints import Code, code_of
+from hlp.settings import Stored, stored_as
 
 # It collects the settings of the whole method. Their values are in each fingerprint already, and
 # the code that a stage runs is imported by the stage itself.
@@ -39,24 +41,14 @@ def stage_code(*modules: str) -> Code:
     return code_of(*sorted(set(modules)), leaving_out=_COLLECTS)
 
 
-def fingerprint(
-    stage: str, code: Code, seed: int, settings: Any, upstream: Mapping[str, str]
-) -> str:
+def fingerprint(stage: str, description: Mapping[str, Any]) -> str:
     """Digest (16 hex digits) of everything that affects a stage's output.
 
-    `code` is the source and the libraries that the stage uses. `settings` is a settings dataclass
-    or a mapping of them, without those that change only the time (paths, threads). `upstream` maps
-    each input to the fingerprint of the stage that made it, or to the identity of the data it was
-    read from. Raises TypeError and ValueError as `plain` does.
+    That is its `settings` without those that change only the time (paths, threads), `seed`, `code`
+    and `upstream`: for each input the fingerprint of the stage that made it, or the identity of the
+    data it was read from. Raises as `plain` does.
     """
-    identity = {
-        "stage": stage,
-        "source": code.source,
-        "libraries": code.libraries,
-        "seed": seed,
-        "settings": plain(settings),
-        "upstream": dict(upstream),
-    }
+    identity = plain({"stage": stage, **description})
     text = json.dumps(identity, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
@@ -66,36 +58,44 @@ def is_fingerprint(text: str) -> bool:
     return _FINGERPRINT.fullmatch(text) is not None
 
 
-def plain(value: Any, key: str = "settings") -> Any:
+def plain(value: Any) -> Any:
     """Settings as JSON values: the same for equal settings, different for different ones.
 
     A dataclass keeps the name of its class, so that two alternatives with equal fields differ.
-    Raises TypeError for values that JSON lacks (arrays, sets, functions, keys that are not strings)
-    and ValueError for NaN, which never equals itself. Both name the `key`.
+    Raises TypeError for values that JSON lacks (arrays, sets, functions) and ValueError for NaN,
+    which never equals itself.
     """
+    return json.loads(json.dumps(value, default=_as_json, allow_nan=False))
+
+
+def _as_json(value: Any) -> Any:
     if isinstance(value, np.generic):
-        value = value.item()
+        return value.item()
     if isinstance(value, Enum):
-        return plain(value.value, key)
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float):
-        if math.isnan(value):
-            raise ValueError(f"{key} is NaN: settings must be comparable")
-        return value
+        return value.value
     if isinstance(value, Path):
         return value.as_posix()
+    if isinstance(value, Mapping):
+        return dict(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-        return {"class": type(value).__name__, "fields": plain(fields, key)}
-    if isinstance(value, Mapping):
-        for name in value:
-            if not isinstance(name, str):
-                raise TypeError(f"{key} has the key {name!r}: keys of settings are text")
-        return {name: plain(item, f"{key}.{name}") for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item, f"{key}[{index}]") for index, item in enumerate(value)]
-    raise TypeError(f"{key} is a {type(value).__name__}: settings are plain values")
+        return {"class": type(value).__name__, "fields": fields}
+    raise TypeError(f"{value!r} is no plain value, as settings are")
+
+
+@dataclass(frozen=True)
+class StageEvent(Stored):
+    """One stage output that a run requested; `seconds` is the time of making it, now or earlier.
+
+    Outputs that were made in one pass over the frames all have the time of the whole pass. `of`
+    names the output's object, and is empty for an output of all objects.
+    """
+
+    stage: str
+    of: str = ""
+    fingerprint: str = ""
+    reused: bool = False
+    seconds: Annotated[float, Ge(0), Le(1e9)] = 0.0
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
@@ -106,25 +106,14 @@ def read_manifest(path: Path) -> dict[str, Any]:
     return manifest
 
 
-def named_outputs(path: Path) -> list[tuple[str, str, str]]:
-    """Stage, object's name and fingerprint of every output that a manifest names.
-
-    The name is empty for an output of all objects. Raises what `read_manifest` raises.
-    """
-    stages = read_manifest(path).get("stages", ())
-    try:
-        made = [(str(s["stage"]), str(s.get("of", "")), str(s["fingerprint"])) for s in stages]
-    except (TypeError, KeyError, AttributeError) as error:
-        raise DataError(f"{path} is damaged: stages are {stages!r}") from error
-    for stage, _, name in made:
-        if not is_fingerprint(name):
-            raise DataError(f"{path}: {name!r} is not a fingerprint of a stage '{stage}'")
-    return made
-
-
-def made_outputs(path: Path) -> dict[tuple[str, str], str]:
-    """What `named_outputs` lists: fingerprints by stage and object's name."""
-    return {(stage, of): name for stage, of, name in named_outputs(path)}
+def named_outputs(path: Path) -> list[StageEvent]:
+    """Every stage output that a manifest names. Raises DataError if it is damaged."""
+    events = stored_as(list[StageEvent], read_manifest(path).get("stages", []), f"{path}, stages")
+    for event in events:
+        if not is_fingerprint(event.fingerprint):
+            wrong = f"{event.fingerprint!r} is not a fingerprint of a stage '{event.stage}'"
+            raise DataError(f"{path}: {wrong}")
+    return events
 
 
 def device_name(device: str) -> str:

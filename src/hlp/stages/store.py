@@ -7,10 +7,10 @@
 <root>/.in-use                         held by all runs, so that nothing is removed meanwhile
 """
 
+import fcntl
 import logging
 import os
 import shutil
-import sys
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping
@@ -24,13 +24,13 @@ from typing import Annotated, Any
 from annotated_types import Ge, Le
 from filelock import FileLock, Timeout
 
-from hlp.errors import DataError, InputError
+from hlp.errors import DataError, InputError, MissingFileError
 from hlp.files import read_json, remove_unfinished, write_json
 from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.folders import lock_file, own_files
 from hlp.settings import Stored, stored_as
 from hlp.stages import STEPS
-from hlp.stages.manifest import library_versions, plain
+from hlp.stages.manifest import StageEvent, library_versions, named_outputs, plain
 
 RECORD, IN_USE = "stage.json", ".in-use"
 PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"
@@ -45,21 +45,6 @@ class _Record(Stored):
     fingerprint: str
     seconds: Annotated[float, Ge(0), Le(1e9)]
     files: dict[str, str]
-
-
-@dataclass(frozen=True)
-class StageEvent:
-    """One stage output that a run requested; `seconds` is the time of making it, now or earlier.
-
-    Outputs that were made in one pass over the frames all have the time of the whole pass. `of`
-    names the output's object, and is empty for an output of all objects.
-    """
-
-    stage: str
-    of: str
-    fingerprint: str
-    reused: bool
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -118,12 +103,13 @@ class StageStore:
         the object in log and events. Raises what the block raises, with a note of the folder.
         """
         folder = self.root / stage / fingerprint
-        if not self.holds(stage, fingerprint):
+        if self._problem(stage, fingerprint):
             folder.parent.mkdir(parents=True, exist_ok=True)
             self._hold_in_use()
             with _only_one(folder):
-                if not self.holds(stage, fingerprint):  # by now
-                    _set_aside(folder)
+                if problem := self._problem(stage, fingerprint):  # by now
+                    if os.path.lexists(folder):
+                        _put_aside(folder, problem)
                     with self._making(folder, description) as partial:
                         yield partial, False
                     self._note(folder, of, reused=False)
@@ -133,11 +119,35 @@ class StageStore:
 
     def holds(self, stage: str, fingerprint: str) -> bool:
         """Whether an output is finished and undamaged."""
+        return not self._problem(stage, fingerprint)
+
+    def _problem(self, stage: str, fingerprint: str) -> str:
+        """Why an output cannot be used; empty if it is finished and undamaged."""
         try:
             self.read_record(stage, fingerprint)
-        except (DataError, FileNotFoundError):  # another run may set it aside meanwhile
-            return False
-        return True
+        except (DataError, FileNotFoundError) as error:  # another run may set it aside meanwhile
+            return str(error)
+        return ""
+
+    def named_by(self, manifest: Path, stage: str, of: str = "") -> Output:
+        """The finished output of a stage (of an object) that an earlier run's manifest names.
+
+        Raises MissingFileError if it is not in this store, and DataError if it is damaged.
+        """
+        named = {(event.stage, event.of): event.fingerprint for event in named_outputs(manifest)}
+        name = named.get((stage, of), "")
+        folder = self.root / stage / name
+        if not name or not folder.is_dir():
+            raise MissingFileError(
+                f"{self.root} has no {f'{stage} of {of}' if of else stage} that {manifest} names: "
+                "name the folder of that run with work=FOLDER, or repeat it (hlp run manifest=…)"
+            )
+        try:
+            self.read_record(stage, name)
+        except DataError as error:
+            error.add_note(f"repeat the run of {manifest}, which makes it again")
+            raise
+        return Output(name, folder)
 
     def take(self, stage: str, fingerprint: str, of: str, *, reused: bool) -> Path:
         """The folder of a finished output: `reused`, or else made by a worker of this run.
@@ -163,7 +173,7 @@ class StageStore:
         record = {
             "stage": folder.parent.name,
             "fingerprint": folder.name,
-            **plain(description, "description"),
+            **plain(description),
             "versions": library_versions(),
         }
         begun = time.perf_counter()
@@ -201,13 +211,11 @@ class StageStore:
     def _hold_in_use(self) -> None:
         """Share the lock on the store until this object goes; waits while it is being cleaned.
 
-        The system frees the lock of a dead process. Without effect on Windows, and in a store that
-        this process may only read.
+        The system frees the lock of a dead process. Without effect in a store that this process may
+        only read.
         """
-        if self._in_use is not None or sys.platform == "win32":
+        if self._in_use is not None:
             return
-        import fcntl
-
         # No folder yet, a read-only one, a file system without locks; or a link, which cleaning
         # refuses, too.
         with suppress(OSError, InputError):
@@ -232,18 +240,6 @@ def _only_one(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-def _set_aside(folder: Path) -> None:
-    """Rename a folder that is no sound output, and say why."""
-    if not os.path.lexists(folder):
-        return
-    problem = f"{folder} was changed while it was read"
-    try:
-        _verify(folder)
-    except (DataError, FileNotFoundError) as error:
-        problem = str(error)
-    _put_aside(folder, problem)
 
 
 def _put_aside(path: Path, problem: str) -> None:

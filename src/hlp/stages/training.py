@@ -10,7 +10,6 @@ from typing import Any
 
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
-from hlp.fingerprints import Code
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.model_files import StartingWeights, load_classifier, read_weights
 from hlp.method.learn.score_calibration import calibrate_score
@@ -32,7 +31,7 @@ from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
 
 Description = dict[str, Any]
-"""Settings, upstream and seed of an output: what its name is made of, beside the code."""
+"""Settings, upstream, seed and code of an output: what its name is made of."""
 
 
 class TrainingStages:
@@ -82,16 +81,17 @@ class TrainingStages:
 
     def _views_description(self, object_id: int) -> Description:
         upstream = {"mesh": self.dataset.mesh_identities[object_id]}
-        return self._description(ViewsStage.of(self.settings).named(), upstream)
+        settings = ViewsStage.of(self.settings).named()
+        return self._description(settings, upstream, render_views.__module__)
 
     def missing_views(self) -> list[int]:
         """Objects whose views are not on disk."""
-        names = {i: self._name("views", self._views_description(i)) for i in self.models}
+        names = {i: fingerprint("views", self._views_description(i)) for i in self.models}
         return [i for i, name in names.items() if not self.store.holds("views", name)]
 
     def take_views(self, object_id: int) -> None:
         """Use views that a worker of this run has just written."""
-        name = self._name("views", self._views_description(object_id))
+        name = fingerprint("views", self._views_description(object_id))
         folder = self.store.take("views", name, self.models[object_id].name, reused=False)
         self.made["views", object_id] = Output(name, folder)
 
@@ -104,7 +104,7 @@ class TrainingStages:
 
     def classifier(self) -> Output:
         """Stage 1: the holistic classifier of all objects."""
-        stage, start = ClassifierStage.of(self.settings), None
+        dataset, stage, start = self.dataset, ClassifierStage.of(self.settings), None
         settings = {
             **stage.named(),
             "device": device_name(stage.trainer.accelerator),
@@ -112,22 +112,23 @@ class TrainingStages:
         }
         upstream = {
             **self._all_views(),
-            "photographs": self.dataset.photographs_identity,
-            "background_frames": frames_identity(self.dataset.background_frames),
+            "photographs": dataset.photographs_identity,
+            "background_frames": frames_identity(dataset.background_frames),
         }
         if self._warm_start is not None:
-            assert self._warm_start_settings is not None
-            epochs, before = self._warm_start_settings.epochs, self._warm_start.classifier
-            settings["warm_start"] = {"epochs": epochs}
+            before = self._warm_start.classifier
+            settings["warm_start"] = {"epochs": self._warm_start.epochs}
             upstream["warm_start"] = before.fingerprint
-            start = StartingWeights(read_weights(before.folder), self._warm_start.labels, epochs)
+            weights = read_weights(before.folder)
+            start = StartingWeights(weights, self._warm_start.labels, self._warm_start.epochs)
 
         def make(folder: Path) -> None:
             from hlp.method.learn.classifier_training import train_classifier
 
-            train_classifier(self.models, self.load_views, self.dataset, stage, folder, start)
+            train_classifier(self.models, self.load_views, dataset, stage, folder, start)
 
-        return self._make_once("classifier", 0, self._description(settings, upstream), make)
+        code = "hlp.method.learn.classifier_training", dataset, dataset.background_frames
+        return self._make_once("classifier", 0, self._description(settings, upstream, *code), make)
 
     @cached_property
     def _warm_start(self) -> WarmStart | None:
@@ -136,7 +137,7 @@ class TrainingStages:
         if given is None or given.manifest is None:
             return None
         views = {i: self.views(i).fingerprint for i in self.models}
-        return read_warm_start(Path(given.manifest), self.settings, views, self.store)
+        return read_warm_start(given, self.settings, views, self.store)
 
     def load_classifier(self) -> Network:
         """The trained classifier, from disk; class i is the i-th object by id, 0 background."""
@@ -150,7 +151,8 @@ class TrainingStages:
             self.made["encoder", 0] = kept
         if ("encoder", 0) in self.made:
             return self.made["encoder", 0]
-        stage = EncoderStage.of(self.settings)
+        dataset, stage = self.dataset, EncoderStage.of(self.settings)
+        code: tuple[object, ...] = "hlp.method.learn.encoder_training", stage.encoder
         settings = {
             **stage.named(),
             "device": device_name(stage.trainer.accelerator),
@@ -158,18 +160,19 @@ class TrainingStages:
         }
         if stage.encoder.needs_frames:
             upstream = {
-                "encoder_frames": frames_identity(self.dataset.encoder_frames),
-                "background_frames": frames_identity(self.dataset.background_frames),
+                "encoder_frames": frames_identity(dataset.encoder_frames),
+                "background_frames": frames_identity(dataset.background_frames),
             }
+            code += (dataset, dataset.encoder_frames, dataset.background_frames)
         else:
             upstream = self._all_views()
 
         def make(folder: Path) -> None:
             from hlp.method.learn.encoder_training import train_encoder
 
-            train_encoder(self.models, self.load_views, self.dataset, stage, folder)
+            train_encoder(self.models, self.load_views, dataset, stage, folder)
 
-        return self._make_once("encoder", 0, self._description(settings, upstream), make)
+        return self._make_once("encoder", 0, self._description(settings, upstream, *code), make)
 
     def load_encoder(self) -> Encoder:
         """The trained encoder, from disk."""
@@ -196,7 +199,8 @@ class TrainingStages:
             views, model = self.load_views(object_id), self.models[object_id]
             save_codebook(folder, build_codebook(model, views, self.load_encoder(), stage))
 
-        description = self._description(settings, upstream)
+        code = "hlp.method.learn.codebook_building", save_codebook.__module__, self.settings.encoder
+        description = self._description(settings, upstream, *code)
         return self._make_once("codebook", object_id, description, make)
 
     def load_codebook(self, object_id: int) -> Codebook:
@@ -228,7 +232,11 @@ class TrainingStages:
             score = calibrate_score(estimator, object_id, frames, scenes, stage.rendering)
             save_score_model(folder, score)
 
-        return self._make_once("score", object_id, self._description(settings, upstream), make)
+        method, modules = self.settings, (calibrate_score.__module__, save_score_model.__module__)
+        used = method.encoder, method.codebook, method.voting, method.refinement
+        code = *modules, *used, self.dataset.background_frames
+        description = self._description(settings, upstream, *code)
+        return self._make_once("score", object_id, description, make)
 
     def load_score_model(self, object_id: int) -> ScoreModel:
         """The score of one object's poses, from disk."""
@@ -240,40 +248,26 @@ class TrainingStages:
         self, stage: str, object_id: int, description: Description, make: Callable[[Path], None]
     ) -> Output:
         if (stage, object_id) not in self.made:
-            name = self._name(stage, description)
+            name = fingerprint(stage, description)
             of = self.models[object_id].name if object_id else ""
             folder = self.store.get_or_make(stage, name, make, description, of)
             self.made[stage, object_id] = Output(name, folder)
         return self.made[stage, object_id]
 
-    def _description(self, settings: dict[str, Any], upstream: dict[str, str]) -> Description:
-        return {"settings": settings, "upstream": upstream, "seed": self.settings.seed}
+    def _description(
+        self, settings: dict[str, Any], upstream: dict[str, str], *parts: object
+    ) -> Description:
+        """What an output's name is made of.
 
-    def _name(self, stage: str, description: Description) -> str:
-        return fingerprint(stage, self._code(stage), **description)
-
-    def _code(self, stage: str) -> Code:
-        """The code that makes a stage's output, and that reads the data it is made from."""
-        dataset, settings = self.dataset, self.settings
-        # Modules, or objects of classes in them. What trains takes seconds to import.
-        parts: dict[str, tuple[object, ...]] = {
-            "views": (render_views.__module__,),
-            "classifier": (
-                "hlp.method.learn.classifier_training", dataset, dataset.background_frames,
-            ),
-            "encoder": ("hlp.method.learn.encoder_training", settings.encoder),
-            "codebook": (
-                "hlp.method.learn.codebook_building", save_codebook.__module__, settings.encoder,
-            ),
-            "score": (
-                calibrate_score.__module__, save_score_model.__module__, settings.encoder,
-                settings.codebook, settings.voting, settings.refinement, dataset.background_frames,
-            ),
-        }  # fmt: skip
-        own = parts[stage]
-        if stage == "encoder" and settings.encoder.needs_frames:
-            own += (dataset, dataset.encoder_frames, dataset.background_frames)
-        known = (part for part in own if part is not None)
-        return stage_code(
-            *(part if isinstance(part, str) else type(part).__module__ for part in known)
-        )
+        `parts` run to make it and to read the data it is made from: names of modules (what trains
+        takes seconds to import), or objects of classes in them.
+        """
+        known = (part for part in parts if part is not None)
+        modules = (part if isinstance(part, str) else type(part).__module__ for part in known)
+        code = stage_code(*modules)
+        return {
+            "settings": settings,
+            "upstream": upstream,
+            "seed": self.settings.seed,
+            "code": code,
+        }

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 from annotated_types import Ge, Le
 
-from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.errors import ConfigError
 from hlp.method.settings import MethodSettings
 from hlp.settings import Doc, Settings
-from hlp.stages.manifest import made_outputs, plain
+from hlp.stages.manifest import plain
 from hlp.stages.store import Output, StageStore
 
 
@@ -37,10 +37,14 @@ class WarmStart:
     classifier: Output
     encoder: Output
     labels: Mapping[int, int]
+    epochs: int
 
 
 def read_warm_start(
-    manifest: Path, settings: MethodSettings, views: Mapping[int, str], store: StageStore
+    start: WarmStartSettings,
+    settings: MethodSettings,
+    views: Mapping[int, str],
+    store: StageStore,
 ) -> WarmStart:
     """Classifier and encoder that a manifest names, from this run's `work`.
 
@@ -49,32 +53,23 @@ def read_warm_start(
     manifest or what it names is missing, DataError if that is damaged, ConfigError if it cannot be
     the start: it has other settings, or an object that this run does not have.
     """
-    patches, shared, made = settings.patches, {"trainer": settings.trainer}, made_outputs(manifest)
+    manifest = Path(str(start.manifest))
+    patches, shared = settings.patches, {"trainer": settings.trainer}
     needed: dict[str, dict[str, Any]] = {
         "classifier": {"holistic": patches.holistic, "classifier": settings.classifier, **shared},
         "encoder": {"local": patches.local, "encoder": settings.encoder, **shared},
     }
     outputs, records = {}, {}
     for stage, own in needed.items():
-        name = made.get((stage, ""), "")
-        folder = store.root / stage / name
-        if not name or not folder.is_dir():
-            raise MissingFileError(
-                f"warm_start.manifest: {store.root} has no {stage} of {manifest}"
-            )
-        try:
-            record = store.read_record(stage, name)
-        except DataError as error:
-            error.add_note(f"repeat the run of {manifest}, which makes it again")
-            raise
-        before = record["settings"]
+        outputs[stage] = store.named_by(manifest, stage)
+        records[stage] = store.read_record(stage, outputs[stage].fingerprint)
+        before = records[stage]["settings"]
         other = [key for key, value in own.items() if before.get(key) != plain(value)]
         if other:
             what = f"warm_start.manifest: the {stage} of {manifest} has other settings"
             raise ConfigError(f"{what}: {', '.join(other)}")
-        outputs[stage], records[stage] = Output(name, folder), record
     labels = _labels(manifest, records["classifier"]["upstream"], views)
-    return WarmStart(outputs["classifier"], outputs["encoder"], labels)
+    return WarmStart(outputs["classifier"], outputs["encoder"], labels, start.epochs)
 
 
 def _labels(

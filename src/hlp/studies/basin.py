@@ -1,9 +1,6 @@
-"""Basin map: from which errors of the coarse pose each refiner still reaches the true pose.
+"""Basin map: from which errors of the coarse pose each refiner still reaches the true pose."""
 
-`perturbed_poses` makes poses with a given error.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -12,10 +9,11 @@ from typing import Annotated, Literal
 import numpy as np
 import pandas as pd
 from annotated_types import Ge
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from hlp.config.build import Run, sampled_keys
+from hlp.arrays import spread
+from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
 from hlp.geometry import rigid
@@ -24,14 +22,13 @@ from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe
 from hlp.reporting.figures.heat_maps import draw_basins
-from hlp.reporting.study_tables import basin_cells, basin_metrics, format_basins, write_basins
-from hlp.results.recalls import TargetKey, numbered_targets, write_target_values
+from hlp.reporting.study_tables import basin_cells, format_basins, write_basins
+from hlp.results.recalls import numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
 
-Verdicts = Bool[np.ndarray, "n degrees millimetres"]
 _PERTURBATIONS = 2  # number of the random stream
 
 
@@ -76,33 +73,25 @@ class BasinSettings(Settings):
                 raise SettingsError(key, f"is {list(values)}: list each once, one at least")
 
     def run(self, run: Run, output: Path) -> None:
-        """See `run_basin`."""
-        run_basin(run, self, output)
+        """Refine the same perturbed poses with every refiner.
 
-
-def run_basin(run: Run, task: BasinSettings, output: Path) -> pd.DataFrame:
-    """Refine the same perturbed poses with every refiner; return what basin.csv holds.
-
-    Writes basin.md, basin.csv, targets.csv, heatmaps/, report.html and manifest.json. Nothing is
-    learnt. The refined poses of each refiner are a stage, so an interrupted run continues where it
-    stopped. Everything is logged as one MLflow run.
-    """
-    with study_run(run, output) as (store, tracker):
-        keys, names = sampled_keys(run.keys, task.frames), object_names(run)
-        verdicts = {
-            name: _score(run, keys, _stage(run, task, name, keys, store)) for name in task.compared
-        }
-        cells = basin_cells(_tried(task, verdicts, names))
-        write_basins(output, cells)
-        recalls = {
-            name: {target: float(right.mean()) for target, right in found.items()}
-            for name, found in verdicts.items()
-        }
-        write_target_values(output, recalls, names)
-        draw_basins(output / "heatmaps", cells)
-        tracker.log_metrics(basin_metrics(cells))
-    print(format_basins(cells))
-    return cells
+        Writes basin.md, basin.csv, targets.csv, heatmaps/, report.html and manifest.json. Nothing
+        is learnt. The refined poses of each refiner are a stage, so an interrupted run continues
+        where it stopped. Everything is logged as one MLflow run.
+        """
+        with study_run(run, output) as (store, _):
+            keys = spread(run.keys, self.frames)
+            folders = {name: _stage(run, self, name, keys, store) for name in self.compared}
+            tried = {name: _score(run, self, keys, folder) for name, folder in folders.items()}
+            cells = basin_cells(pd.concat(tried, names=["refiner"]).reset_index("refiner"))
+            write_basins(output, cells)
+            recalls = {
+                name: found.groupby("target")["right"].mean().to_dict()
+                for name, found in tried.items()
+            }
+            write_target_values(output, recalls, object_names(run))
+            draw_basins(output / "heatmaps", cells)
+        print(format_basins(cells))
 
 
 def _stage(
@@ -145,36 +134,25 @@ def _refined(run: Run, task: BasinSettings, name: str, frame: Frame) -> dict[str
     return arrays
 
 
-def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[TargetKey, Verdicts]:
-    """By target, which poses are right by ADD(-S) (perturbations, degrees, mm)."""
+def _score(run: Run, task: BasinSettings, keys: Sequence[str], folder: Path) -> pd.DataFrame:
+    """A row for each pose of a refiner: target, object, starting errors, whether it is right."""
+    errors = task.rotation_deg, task.translation_mm, range(task.perturbations)
+    columns = ["rotation_deg", "translation_mm", "perturbation"]
     targets: list[tuple[int, int, int]] = []
-    right: list[Verdicts] = []
+    found = []
     for key in keys:
         stored = read_arrays(folder, key)
         named = [name.split("/") for name in stored if name.endswith("/poses")]
         for number, object_id, _ in sorted(named, key=lambda parts: int(parts[0])):
             poses, truth = (stored[f"{number}/{object_id}/{part}"] for part in ("poses", "truth"))
-            model, evaluation = run.dataset.models[int(object_id)], run.settings.evaluation
-            verdicts = add_correct(poses.reshape(-1, 4, 4), truth, model, evaluation)
+            model = run.dataset.models[int(object_id)]
+            right = add_correct(poses.reshape(-1, 4, 4), truth, model, run.settings.evaluation)
+            index = pd.MultiIndex.from_product(errors, names=columns)
             targets.append((*parse_frame_key(key), int(object_id)))
-            right.append(np.moveaxis(verdicts.reshape(poses.shape[:3]), 2, 0))
-    return dict(zip(numbered_targets(targets), right, strict=True))
-
-
-def _tried(
-    task: BasinSettings,
-    verdicts: Mapping[str, Mapping[TargetKey, Verdicts]],
-    names: Mapping[int, str],
-) -> pd.DataFrame:
-    """A row for each refined pose: refiner, object, starting errors, and whether it is right."""
-    columns = ["refiner", "object", "perturbation", "rotation_deg", "translation_mm"]
-    tried = []
-    for refiner, found in verdicts.items():
-        for target, right in sorted(found.items(), key=lambda pair: pair[0][2]):
-            errors = range(len(right)), task.rotation_deg, task.translation_mm
-            index = pd.MultiIndex.from_product([[refiner], [names[target[2]]], *errors])
-            tried.append(pd.Series(right.ravel(), index.set_names(columns), name="right"))
-    return pd.concat(tried).reset_index()
+            found.append(pd.DataFrame({"object": model.name, "right": right}, index).reset_index())
+    numbered = zip(numbered_targets(targets), found, strict=True)
+    named_targets = sorted(numbered, key=lambda pair: pair[0][2])
+    return pd.concat([rows.assign(target=[key] * len(rows)) for key, rows in named_targets])
 
 
 def perturbation_grid(
@@ -183,35 +161,20 @@ def perturbation_grid(
     centroid: Float[np.ndarray, "3"],
     seed: int,
 ) -> Float[np.ndarray, "degrees millimetres perturbations 4 4"]:
-    """`perturbations` poses for each pair of the errors in `rotation_deg` and `translation_mm`."""
-    shape = (len(task.rotation_deg), len(task.translation_mm), task.perturbations)
-    degrees = np.broadcast_to(np.array(task.rotation_deg)[:, None, None], shape)
-    millimetres = np.broadcast_to(np.array(task.translation_mm)[:, None], shape)
-    rng = np.random.default_rng(seed)
-    perturbations = perturbed_poses(
-        pose_cam_obj, centroid, degrees.ravel(), millimetres.ravel(), rng
-    )
-    return perturbations.reshape(*shape, 4, 4)
+    """`perturbations` poses for each pair of the errors in `rotation_deg` and `translation_mm`.
 
-
-def perturbed_poses(
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    centroid: Float[np.ndarray, "3"],
-    degrees: Float[np.ndarray, "n"],
-    millimetres: Float[np.ndarray, "n"],
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "n 4 4"]:
-    """Poses rotated about the object's centroid by `degrees` and shifted by `millimetres`.
-
-    Each has its own axis and direction, drawn uniformly on the sphere; the sizes are exact.
-    `centroid` is in object coordinates (m).
+    They are rotated about the object's centroid (m, in object coordinates) and shifted. Each has
+    its own axis and direction, drawn uniformly on the sphere; the sizes are exact.
     """
-    axes, directions = _on_sphere(len(degrees), rng), _on_sphere(len(degrees), rng)
-    turns = Rotation.from_rotvec(axes * np.deg2rad(degrees)[:, None]).as_matrix()
+    sizes = task.rotation_deg, task.translation_mm, range(task.perturbations)
+    degrees, millimetres, _ = np.meshgrid(*map(np.array, sizes), indexing="ij")
+    rng = np.random.default_rng(seed)
+    axes, directions = _on_sphere(degrees.size, rng), _on_sphere(degrees.size, rng)
+    turns = Rotation.from_rotvec(axes * np.deg2rad(degrees).reshape(-1, 1)).as_matrix()
     rotations = turns @ pose_cam_obj[:3, :3]
     middle = pose_cam_obj[:3, :3] @ centroid + pose_cam_obj[:3, 3]
-    shifted = middle + directions * np.asarray(millimetres)[:, None] / 1e3
-    return rigid(rotations, shifted - rotations @ centroid)
+    shifted = middle + directions * millimetres.reshape(-1, 1) / 1e3
+    return rigid(rotations, shifted - rotations @ centroid).reshape(*degrees.shape, 4, 4)
 
 
 def _on_sphere(count: int, rng: np.random.Generator) -> Float[np.ndarray, "n 3"]:

@@ -11,19 +11,16 @@ from pathlib import Path
 from timeit import timeit
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import pandas as pd
-import torch
-from jaxtyping import UInt8
 
+from hlp.arrays import Pose
 from hlp.config.settings import RunSettings
 from hlp.evaluation.errors import rotation_error, translation_error
 from hlp.geometry import nearest_symmetric_pose
 from hlp.method.find.estimator import PoseEstimator
 from hlp.records import ObjectModel, PoseEstimate, TargetScore
 from hlp.results.recalls import TargetKey, numbered_targets
-from hlp.stages.manifest import library_versions
 
 PARTS = {
     **dict.fromkeys(("windows", "network", "region"), 1),
@@ -48,37 +45,33 @@ class PartClock:
 
     def __init__(self) -> None:
         self._part: str | None = None
-        self._begun = (0.0, 0.0)
-        self._sums: dict[str, list[float]] = {}
+        self._begun = np.zeros(2)
+        self._sums: dict[str, np.ndarray] = {}
 
     def enter(self, part: str | None) -> None:
         """Count time for this part from now on; None: for no part."""
-        wall, cpu = time.perf_counter(), time.process_time()
+        now = np.array([time.perf_counter(), time.process_time()])
         if self._part is not None:
-            sums = self._sums.setdefault(self._part, [0.0, 0.0])
-            sums[0] += wall - self._begun[0]
-            sums[1] += cpu - self._begun[1]
-        self._part, self._begun = part, (wall, cpu)
+            self._sums[self._part] = self._sums.get(self._part, 0.0) + (now - self._begun)
+        self._part, self._begun = part, now
 
     def stop(self) -> dict[str, Spent]:
         """Time of each part since the last stop; parts that were never entered are absent."""
         self.enter(None)
         sums, self._sums = self._sums, {}
-        return {part: Spent(*both) for part, both in sums.items()}
+        return {part: Spent(*both.tolist()) for part, both in sums.items()}
 
 
 @dataclass(frozen=True)
 class TimedDetection:
     """One object looked for in one frame: the estimate, and the time of each part.
 
-    `place` is the number of objects looked for in the frame before this one; `region` is the mask
-    of stage 1, one bit per pixel.
+    `place` is the number of objects looked for in the frame before this one.
     """
 
     estimate: PoseEstimate
     place: int
     spent: Mapping[str, Spent]
-    region: UInt8[np.ndarray, "b"]
 
     @property
     def frame(self) -> tuple[int, int]:
@@ -129,77 +122,35 @@ def _spreads(wall: pd.DataFrame, cpu: pd.DataFrame) -> dict[str, dict[str, float
     return spreads if len(wall) else {}
 
 
-def summarise_spent(spent: Sequence[Spent]) -> dict[str, float]:
-    """Median and 95th percentile of the wall time (ms), and median of the CPU time."""
-    wall, cpu = (pd.DataFrame({"": [1e3 * times[place] for times in spent]}) for place in (0, 1))
-    return _spreads(wall, cpu)[""]
-
-
-def bench_targets(
-    detections: Sequence[TimedDetection], scores: Sequence[TargetScore]
-) -> dict[str, dict[TargetKey, float]]:
-    """Wall and CPU time (ms) of each search for an object, and each target's verdict by ADD(-S).
-
-    A frame's first object is timed apart from its further ones. An object that is searched once for
-    several instances has the time at the first of them.
-    """
-    values: dict[str, dict[TargetKey, float]] = {}
-    for found in detections:
-        unit = "further" if found.place else "first"
-        key = (*found.frame, found.estimate.object_id, 0)
-        wall, cpu = (sum(part[place] for part in found.spent.values()) for place in (0, 1))
-        values.setdefault(f"ms {unit}", {})[key] = 1e3 * wall
-        values.setdefault(f"CPU {unit}", {})[key] = 1e3 * cpu
+def bench_targets(scores: Sequence[TargetScore]) -> dict[str, dict[TargetKey, float]]:
+    """Each target's verdict by ADD(-S)."""
     keys = numbered_targets((score.scene_id, score.frame_id, score.object_id) for score in scores)
     right = [float(score.add_correct) for score in scores]
-    return {**values, "ADD(-S)": dict(zip(keys, right, strict=True))}
+    return {"ADD(-S)": dict(zip(keys, right, strict=True))}
 
 
-def compare_paths(
-    detections: Mapping[str, Sequence[TimedDetection]],
-    scores: Mapping[str, Sequence[TargetScore]],
+def share_of_same(
+    own: Sequence[TimedDetection],
+    other: Sequence[TimedDetection],
     models: Mapping[int, ObjectModel],
-    names: tuple[str, str],
     tolerance: tuple[float, float],
-) -> dict[str, Any]:
-    """How far the results of two paths agree on the same frames.
+) -> float:
+    """Share of two paths' detections of the same objects whose poses are the same.
 
-    `same_pose` is the share of poses within the tolerance (mm, degrees) of each other,
-    `same_verdict` the share of targets that are right by ADD(-S) in both or in neither,
-    `region_iou` the mean overlap of the regions.
+    That is within the tolerance (mm, degrees) of each other, up to the object's symmetries.
     """
-    own, other = (
-        sorted(detections[name], key=lambda found: (*found.frame, found.estimate.object_id))
-        for name in names
+
+    def same(pose: Pose | None, other: Pose | None, model: ObjectModel) -> bool:
+        if pose is None or other is None:
+            return pose is other
+        alike = nearest_symmetric_pose(pose, other, model.symmetries)
+        near = translation_error(pose, alike) * 1e3 <= tolerance[0]
+        return near and bool(np.rad2deg(rotation_error(pose, alike)) <= tolerance[1])
+
+    pairs = [(a.estimate, b.estimate) for a, b in zip(own, other, strict=True)]
+    return float(
+        np.mean([same(a.pose_cam_obj, b.pose_cam_obj, models[a.object_id]) for a, b in pairs])
     )
-    pairs = list(zip(own, other, strict=True))
-    verdicts = [np.array([score.add_correct for score in scores[name]]) for name in names]
-    same = [_same_pose(a.estimate, b.estimate, models, tolerance) for a, b in pairs]
-    return {
-        "same_pose": float(np.mean(same)),
-        "same_verdict": float(np.mean(verdicts[0] == verdicts[1])),
-        "region_iou": float(np.mean([_overlap(a.region, b.region) for a, b in pairs])),
-    }
-
-
-def _same_pose(
-    a: PoseEstimate,
-    b: PoseEstimate,
-    models: Mapping[int, ObjectModel],
-    tolerance: tuple[float, float],
-) -> bool:
-    pose, other = a.pose_cam_obj, b.pose_cam_obj
-    if pose is None or other is None:
-        return pose is other
-    alike = nearest_symmetric_pose(pose, other, models[a.object_id].symmetries)
-    near = translation_error(pose, alike) * 1e3 <= tolerance[0]
-    return near and bool(np.rad2deg(rotation_error(pose, alike)) <= tolerance[1])
-
-
-def _overlap(a: UInt8[np.ndarray, "b"], b: UInt8[np.ndarray, "b"]) -> float:
-    """Intersection over union of two masks, one bit per pixel; 1 if both are empty."""
-    union = int(np.bitwise_count(a | b).sum())
-    return int(np.bitwise_count(a & b).sum()) / union if union else 1.0
 
 
 def load_timed(estimator: PoseEstimator, objects: Mapping[int, str]) -> dict[str, Any]:
@@ -219,26 +170,15 @@ def load_timed(estimator: PoseEstimator, objects: Mapping[int, str]) -> dict[str
 
 
 def describe_machine(settings: RunSettings) -> dict[str, Any]:
-    """Processor, memory, threads and versions; a `load` near 0 suggests an idle machine.
-
-    It is the average of the minute before: what others do meanwhile is not known.
-    """
+    """Processor, cores, threads; a `load` near 0 in the minute before suggests an idle machine."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
         "cpu": names[0] if names else platform.processor() or platform.machine(),
         "cores": len(os.sched_getaffinity(0)),
-        "memory_mib": os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2**20,
-        "gpu": torch.cuda.get_device_name(0) if torch.cuda.is_available() else None,
-        "system": platform.platform(),
+        "threads": settings.machine.threads,
         "load": round(os.getloadavg()[0], 2),
-        "threads": {
-            "machine": settings.machine.threads,
-            "torch": torch.get_num_threads(),
-            "opencv": cv2.getNumThreads(),
-        },
-        "versions": library_versions(),
     }
 
 

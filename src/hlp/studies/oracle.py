@@ -10,7 +10,8 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
 
-from hlp.config.build import Run, sampled_keys
+from hlp.arrays import spread
+from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.data.dataset import annotated_mask
 from hlp.evaluation import EvaluationSettings
@@ -18,8 +19,8 @@ from hlp.evaluation.bop_recalls import measured_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.summary import with_interval
 from hlp.evaluation.waterfall import by_object
-from hlp.files import write_json
-from hlp.method.find.estimator import FrameContext, derive_seed
+from hlp.files import write_json, write_text
+from hlp.method.find.estimator import FrameContext
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import ObjectTrace
 from hlp.progress import Progress
@@ -34,14 +35,13 @@ from hlp.records import (
 )
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.heat_maps import oracle_map
-from hlp.reporting.study_tables import format_oracle, head_of, oracle_metrics, write_oracle
+from hlp.reporting.study_tables import format_oracle, head_of
 from hlp.results.recalls import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.runner import stages_of
 from hlp.settings import Doc, Settings
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
-from hlp.studies.basin import perturbed_poses
 from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
 
 Cell = tuple[str, str]
@@ -51,11 +51,8 @@ CELLS: tuple[Cell, ...] = (
     ("true", "estimated"),
     ("estimated", "true"),
     ("true", "true"),
-    ("estimated", "noisy"),
-    ("true", "noisy"),
 )
 """Region and coarse pose of each column; the fine pose is estimated in all of them."""
-_NOISE = 1  # number of the random stream
 
 
 @TASKS.register
@@ -68,10 +65,6 @@ class OracleSettings(Settings):
 
     name: Literal["oracle"] = "oracle"
     frames: FrameCount = 30
-    noise_deg: Annotated[
-        float, Ge(0), Doc("the noisy coarse pose is the true one, rotated by this … (D)")
-    ] = 10.0
-    noise_mm: Annotated[float, Ge(0), Doc("… and shifted by this, in random directions (D)")] = 10.0
     agree_mm: Annotated[
         float,
         Ge(0),
@@ -79,39 +72,29 @@ class OracleSettings(Settings):
     ] = 20.0
 
     def run(self, run: Run, output: Path) -> None:
-        """See `run_oracle`."""
-        run_oracle(run, self, output)
+        """Write oracle.md, .json, .png and .svg, targets.csv and manifest.json.
 
-
-def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
-    """Compute the matrix and return it.
-
-    Writes oracle.md, .csv, .json, .png and .svg, targets.csv and manifest.json.
-
-    Regions and hypotheses are those of the run's stages. The poses found here are a stage too, so
-    an interrupted run continues where it stopped. Everything is logged as one MLflow run.
-    """
-    dataset, settings = run.dataset, run.settings
-    with study_run(run, output) as (store, tracker):
-        keys = sampled_keys(run.keys, task.frames)
-        found = _read(_stage(run, stages_of(run, store), task, keys, store), keys)
-        loaded = Progress(keys, desc="scores", unit="frame")
-        truths = [FrameTruth.of(dataset.frames.load(key)) for key in loaded]
-        scores = {
-            cell: score_targets(truths, dataset.models, found[cell], settings.evaluation)
-            for cell in CELLS
-        }
-        names = object_names(run)
-        noise = {"noise_deg": task.noise_deg, "noise_mm": task.noise_mm}
-        matrix = summarise_oracle(scores, names, settings.evaluation, settings.seed)
-        result = {"frames": len(keys), **noise, **matrix}
-        write_json(output / "oracle.json", result)
-        write_target_values(output, oracle_targets(scores), names)
-        write_oracle(output, result)
-        save_figure(oracle_map(result), output / "oracle")
-        tracker.log_metrics(oracle_metrics(result))
-    print(format_oracle(result))
-    return result
+        Regions and hypotheses are those of the run's stages. The poses found here are a stage too,
+        so an interrupted run continues where it stopped. Everything is logged as one MLflow run.
+        """
+        dataset, settings = run.dataset, run.settings
+        with study_run(run, output) as (store, _):
+            keys = spread(run.keys, self.frames)
+            found = _read(_stage(run, stages_of(run, store), self, keys, store), keys)
+            loaded = Progress(keys, desc="scores", unit="frame")
+            truths = [FrameTruth.of(dataset.frames.load(key)) for key in loaded]
+            scores = {
+                cell: score_targets(truths, dataset.models, found[cell], settings.evaluation)
+                for cell in CELLS
+            }
+            names = object_names(run)
+            matrix = summarise_oracle(scores, names, settings.evaluation, settings.seed)
+            result = {"frames": len(keys), **matrix}
+            write_json(output / "oracle.json", result)
+            write_target_values(output, oracle_targets(scores), names)
+            write_text(output / "oracle.md", format_oracle(result, "markdown") + "\n")
+            save_figure(oracle_map(result), output / "oracle")
+        print(format_oracle(result))
 
 
 def _stage(
@@ -123,9 +106,8 @@ def _stage(
 ) -> Path:
     """Folder with the pose of every target in every cell."""
     settings = detection.settings
-    noise = {"noise_deg": task.noise_deg, "noise_mm": task.noise_mm}
-    decided = {**noise, "agree_mm": task.agree_mm, "refinement": settings.refinement}
-    upstream = {"hypotheses": detection.hypotheses().fingerprint}
+    decided = {"agree_mm": task.agree_mm, "refinement": settings.refinement}
+    upstream = {"hypotheses": detection.make("hypotheses").fingerprint}
     chosen = (settings.encoder, settings.codebook, settings.voting, settings.refinement)
     code = study_code(__name__, *chosen, run.dataset.frames)
     find = partial(_find, detection, task)
@@ -167,38 +149,20 @@ def _poses_by_cell(
         model = detection.dataset.models[object_id]
         visible = measured_mask(frame, target, model, task.agree_mm / 1e3)
     true = ObjectTrace(Region(object_id, np.zeros((0, 2)), np.zeros(0), visible))
-    refined, found = {}, dict[Cell, Pose | None]()
-    noisy = _noisy(detection, frame, target, task)
-    for name, pose in (("true", target.pose_cam_obj), ("noisy", noisy)):
-        start = replace(stored, hypotheses=Hypotheses(pose[None], np.ones(1)))
-        refined[name] = _refined(detection, context, object_id, start)
+    right = replace(stored, hypotheses=Hypotheses(target.pose_cam_obj[None], np.ones(1)))
+    of_true = _refined(context, object_id, right)
+    found: dict[Cell, Pose | None] = {}
     for region, start in (("estimated", stored), ("true", true)):
-        found[region, "estimated"] = _refined(detection, context, object_id, start)
+        found[region, "estimated"] = _refined(context, object_id, start)
         if start.region is not None and (start.region.mask & visible).any():
-            found |= {(region, name): pose for name, pose in refined.items()}
+            found[region, "true"] = of_true
     return {cell: pose for cell, pose in found.items() if pose is not None}
 
 
-def _noisy(detection: DetectionStages, frame: Frame, target: Target, task: OracleSettings) -> Pose:
-    parts = frame.scene_id, frame.frame_id, target.object_id, _NOISE
-    rng = np.random.default_rng(derive_seed(detection.settings.seed, *parts))
-    centroid = detection.dataset.models[target.object_id].centroid
-    sizes = np.array([task.noise_deg]), np.array([task.noise_mm])
-    return np.asarray(perturbed_poses(target.pose_cam_obj, centroid, *sizes, rng)[0])
-
-
-def _refined(
-    detection: DetectionStages, context: FrameContext, object_id: int, given: ObjectTrace
-) -> Pose | None:
+def _refined(context: FrameContext, object_id: int, given: ObjectTrace) -> Pose | None:
     """The first answer of a search from a region, or from coarse poses, without the fallback."""
-    found = search_frame(
-        detection.estimator,
-        context,
-        {object_id: 1},
-        given={object_id: given},
-        fallback=False,
-        by_threads=False,
-    )
+    start = {object_id: given}
+    found = search_frame(context, {object_id: 1}, given=start, fallback=False, by_threads=False)
     refined = found[object_id].refined
     return None if refined is None else refined.refined[refined.best].pose_cam_obj
 
@@ -233,9 +197,9 @@ def summarise_oracle(
 
     cells: list[dict[str, Any]] = []
     for (region, coarse), found in scores.items():
-        stages = {"region": region, "coarse": coarse, "fine": "estimated"}
         per_object = {name: recall(group) for name, group in by_object(found, names).items()}
-        cells.append({**stages, "add": recall(found), "per_object": per_object})
+        of_all = {"region": region, "coarse": coarse, "add": recall(found)}
+        cells.append({**of_all, "per_object": per_object})
     recalls = [found["add"]["recall"] for found in cells]
     return {"cells": cells, "lost": _lost(dict(zip(scores, recalls, strict=True)))}
 

@@ -19,14 +19,14 @@ from hlp.errors import ConfigError, MissingDependencyError, is_expected
 from hlp.files import SCORES, write_json
 from hlp.folders import locked
 from hlp.method.find.estimator import derive_seed
-from hlp.reporting.comparison import ScoredTarget, paired_difference, read_targets, surely
+from hlp.reporting.comparison import paired_difference, read_targets, surely
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.heat_maps import search_points
+from hlp.reporting.figures.charts import search_points
 from hlp.reporting.mlflow.pages import short_name
 from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
 from hlp.reporting.study_tables import format_search, write_search
-from hlp.results.recalls import TargetKey, write_target_values
+from hlp.results.recalls import TargetKey
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
 from hlp.stages.manifest import fingerprint
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 _NOT_SEARCHED = ("output", "work", "reporting", "panels", "task")
 _RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
 _KEY = "task.space.parameters"
-Targets = dict[TargetKey, ScoredTarget]
 Space = Mapping[str, "BaseDistribution"]
 """What may be changed, by dotted key."""
 
@@ -72,67 +71,43 @@ class SearchSettings(Settings):
     space: SpaceSettings
 
     def run(self, run: Run, output: Path) -> None:
-        """See `run_search`."""
-        run_search(run, self, output)
+        """Run trials until the study has `trials`; write search.json, .csv, .md, .png and .svg.
+
+        Each trial is a run; the first is the unchanged configuration. One that fails (HlpError,
+        OSError) is a FAILED run, and the search continues; one that was interrupted is repeated.
+        Any other exception is a bug: it is raised, and its trial is not counted. Raises ConfigError
+        if the space names a wrong setting or value, InputError if another process works on this.
+        """
+        if find_spec("optuna") is None:
+            raise MissingDependencyError(
+                "task=search needs the extra 'search': pip install 'hlp[search]'"
+            )
+        space = read_space(self.space.parameters)
+        own = check_within(space, run.config)
+        for changed in ({key: end} for key, of in space.items() for end in _ends(of)):
+            with_changed_run(run, nested(changed))  # if ends are accepted, all others are
+        folder = Path(run.settings.work).absolute() / "search" / _study_name(run, self)
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked(folder / "study.lock", f"another process works on the search in {folder}"):
+            study = _open(folder, run.settings.seed, own)
+            resumed = study.user_attrs.get(_RUN_ID)
+            with study_run(run, output, resumed) as (_, tracker):
+                study.set_user_attr(_RUN_ID, tracker.run_id)
+                while len(_trials(study, folder)) < self.trials:
+                    _try(study, run, self, space, folder, tracker.run_id)
+                result = _result(self, _trials(study, folder))
+                write_json(output / "search.json", result)
+                write_search(output, result)
+                if any(trial["error"] is None for trial in result["trials"]):
+                    save_figure(search_points(result), output / "search")
+        print(format_search(result))
 
 
-def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
-    """Run trials until the study has `task.trials`; return what search.json holds.
-
-    Written are search.json, .csv, .md, targets.csv, and, if a trial succeeded, .png and .svg.
-
-    Each trial is a run. The first one is the unchanged configuration. A trial that fails (HlpError,
-    OSError) is a FAILED run, and the search continues; a trial that was interrupted is repeated
-    with the same values. Any other exception is a bug: it is raised, and its trial is not counted.
-
-    Raises MissingDependencyError without Optuna, ConfigError if the space names a wrong setting or
-    value, and InputError if another process works on this search.
-    """
-    if find_spec("optuna") is None:
-        raise MissingDependencyError(
-            "task=search needs the extra 'search': pip install 'hlp[search]'"
-        )
-    space = read_space(task.space.parameters)
-    own = check_within(space, run.config)
-    for changed in ({key: end} for key, of in space.items() for end in _ends(of)):
-        with_changed_run(run, nested(changed))  # if ends are accepted, all others are
-    folder = Path(run.settings.work).absolute() / "search" / _study_name(run, task)
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder / "study.lock", f"another process works on the search in {folder}"):
-        study = _open(folder, run.settings.seed, own)
-        resumed = study.user_attrs.get(_RUN_ID)
-        with study_run(run, output, resumed) as (_, tracker):
-            study.set_user_attr(_RUN_ID, tracker.run_id)
-            while len(_trials(study, folder)) < task.trials:
-                _try(study, run, task, space, folder, tracker.run_id)
-            result = _result(task, _trials(study, folder))
-            write_json(output / "search.json", result)
-            write_search(output, result)
-            if any(trial["error"] is None for trial in result["trials"]):
-                save_figure(search_points(result), output / "search")
-            _write_targets(output, result["best"])
-            if result["best"] is not None:
-                found = {name: result["best"][name] for name in ("recall", _TIME)}
-                tracker.log_metrics({f"search/{name}": value for name, value in found.items()})
-    print(format_search(result))
-    return result
-
-
-def _write_targets(output: Path, best: Mapping[str, Any] | None) -> None:
-    """Write targets.csv: the verdict by ADD(-S) of each target in the best trial.
-
-    Without any target, if there is no such trial or its files were removed since.
-    """
-    targets, right = ({}, {}) if best is None else _verdicts(best)
-    names = {key[2]: target.name for key, target in targets.items()}
-    write_target_values(output, {"best ADD(-S)": right}, names)
-
-
-def _verdicts(trial: Mapping[str, Any]) -> tuple[Targets, dict[TargetKey, float]]:
-    """A trial's targets and their verdicts by ADD(-S); none if its files were removed since."""
+def _verdicts(trial: Mapping[str, Any]) -> dict[TargetKey, float]:
+    """Verdicts by ADD(-S) of a trial's targets; none if its files were removed since."""
     scores = Path(trial["folder"], SCORES)
     targets = read_targets(scores) if scores.is_file() else {}
-    return targets, {key: float(target.correct("add")) for key, target in targets.items()}
+    return {key: float(target.correct("add")) for key, target in targets.items()}
 
 
 def _study_name(run: Run, task: SearchSettings) -> str:
@@ -146,7 +121,10 @@ def _study_name(run: Run, task: SearchSettings) -> str:
     method = run.settings.method
     chosen = (method.encoder, method.codebook, method.voting, method.refinement)
     code = study_code(__name__, *chosen, run.dataset.frames)
-    digest = fingerprint("search", code, run.settings.seed, settings, upstream)
+    digest = fingerprint(
+        "search",
+        {"code": code, "seed": run.settings.seed, "settings": settings, "upstream": upstream},
+    )
     return f"{task.space.name}_{digest}"
 
 
@@ -223,29 +201,28 @@ def _result(task: SearchSettings, trials: list[dict[str, Any]]) -> dict[str, Any
     within = [t for t in trials if t["error"] is None and t["time_ms"] <= task.limit_ms]
     best = max(within, key=lambda trial: (trial["recall"], -trial["time_ms"]), default=None)
     if best is not None and within[0]["trial"] == 0:
-        gain = paired_difference(_verdicts(within[0])[1], _verdicts(best)[1])
+        gain = paired_difference(_verdicts(within[0]), _verdicts(best))
         best = within[0] if gain is not None and not surely(gain) else best
     return {"space": task.space.name, "limit_ms": task.limit_ms, "best": best, "trials": trials}
 
 
-def read_space(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, "BaseDistribution"]:
+def read_space(parameters: Mapping[str, Any]) -> dict[str, "BaseDistribution"]:
     """Ranges and choices as Optuna's distributions, of mappings nested as the configuration.
 
     Raises ConfigError naming a key that has neither `low` and `high` nor `choices`, or that leaves
     no choice.
     """
-    space: dict[str, BaseDistribution] = {}
-    for name, given in parameters.items():
-        key = f"{prefix}{name}"
-        if not isinstance(given, Mapping) or not given:
-            raise ConfigError(f"{_KEY}.{key}: give it low and high, or choices")
-        if any(isinstance(value, Mapping) for value in given.values()):
-            space |= read_space(given, f"{key}.")
-            continue
+    given: dict[str, dict[str, Any]] = {}
+    for key, value in flatten(parameters).items():
+        name, _, word = key.rpartition(".")
+        given.setdefault(name, {})[word] = value
+    space = {}
+    for name, words in given.items():
         try:
-            space[key] = _distribution(given)
+            space[name] = _distribution(words)
         except (TypeError, ValueError, ArithmeticError) as error:
-            raise ConfigError(f"{_KEY}.{key} is {dict(given)}: {error}") from error
+            problem = f"{_KEY}.{name} is {words}: give low and high, or choices ({error})"
+            raise ConfigError(problem) from error
     return space
 
 

@@ -17,6 +17,7 @@ from hlp.records import Frame
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page import page_or_log
 from hlp.reporting.page.pages import write_study_page
+from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import begun, say_where
 from hlp.settings import Doc
@@ -36,12 +37,16 @@ def study_run(
 ) -> Iterator[tuple[StageStore, MlflowRun]]:
     """The store and the MLflow run of one study.
 
-    When the block ends, manifest.json and report.html are written into `output`, all that is in it
-    is logged, and a message says where it is. A folder with a manifest holds a complete result.
+    When the block ends, manifest.json and report.html are written into `output`, its numbers and
+    all that is in it are logged, and a message says where it is. A folder with a manifest holds a
+    complete result.
     With `resume` the MLflow run of that id is continued.
     """
     with begun(run, output, resume) as (store, tracker):
         yield store, tracker
+        study = run.settings.task.name
+        numbers = read_numbers(output, KINDS[study]).values()
+        tracker.log_metrics({f"{study}/{number.name}": number.value for number in numbers})
         write_json(output / MANIFEST, make_manifest(run, store))
         page_or_log(write_study_page, output)
         tracker.log_artifacts(output)
@@ -88,6 +93,6 @@ def stage_of_frames(
             if not has_arrays(folder, key):
                 write_arrays(folder, key, find(run.dataset.frames.load(key)))
 
-    digest = fingerprint(study, code, run.settings.seed, settings, upstream)
-    described = {"settings": settings, "upstream": upstream, "seed": run.settings.seed}
-    return store.get_or_make(study, digest, make, described, label)
+    seed = run.settings.seed
+    described = {"settings": settings, "upstream": upstream, "seed": seed, "code": code}
+    return store.get_or_make(study, fingerprint(study, described), make, described, label)

@@ -164,23 +164,19 @@ def _share_scores(config: DictConfig, overrides: Sequence[str], swept: Sequence[
 
 
 def _has_data(config: DictConfig) -> bool:
-    """Whether the data set is there; frames without objects that are absent are not asked for."""
+    """Whether `data_folder`, if it is set, has the data set; absent empty frames are left out."""
+    if OmegaConf.select(config, "data_folder") is None:
+        return True
+    folders = {key: OmegaConf.select(config, key) for key in ("data.root", "data.empty")}
+    absent = {key: path for key, path in folders.items() if path and not Path(path).is_dir()}
     warn = logging.getLogger(__name__).warning
-    if absent := _absent_folder(config, "data.root"):
-        warn("left out: there is no folder %s", absent)
+    if "data.root" in absent:
+        warn("left out: there is no folder %s", absent["data.root"])
         return False
-    if absent := _absent_folder(config, "data.empty"):
-        warn("false alarms are not counted: there is no folder %s", absent)
+    if "data.empty" in absent:
+        warn("false alarms are not counted: there is no folder %s", absent["data.empty"])
         OmegaConf.update(config, "data.empty", None)
     return True
-
-
-def _absent_folder(config: DictConfig, key: str) -> str | None:
-    """The folder that a key names, if `data_folder` is set and lacks it."""
-    if OmegaConf.select(config, "data_folder") is None:
-        return None
-    folder = OmegaConf.select(config, key)
-    return None if folder is None or Path(folder).is_dir() else str(folder)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from annotated_types import Ge, Le, Unit
 from jaxtyping import Float, Float32, Int8, UInt8
 
 from hlp.arrays import CameraMatrix, Image, Mask, Rotation, Values
-from hlp.geometry import rigid
+from hlp.geometry import back_project, rigid
 from hlp.image_edges import NO_EDGE, STEPS, edges
 from hlp.records import ObjectModel
 from hlp.rendering.rasterizer import render_depth
@@ -141,10 +141,7 @@ def _view_edges(depth: Image, camera: CameraMatrix) -> Int8[np.ndarray, "h w"]:
     """Edges of the silhouette, and where the surface turns or has a step."""
     drawn = depth > 0.0
     y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    rays = np.stack(
-        [(x - camera[0, 2]) / _FOCAL, (y - camera[1, 2]) / _FOCAL, np.ones(x.shape)], -1
-    )
-    points = rays * depth[..., None]
+    points = back_project(np.stack([x, y], axis=-1).astype(float), depth, camera)
     along, down = np.zeros_like(points), np.zeros_like(points)
     along[:, 1:-1], down[1:-1] = points[:, 2:] - points[:, :-2], points[2:] - points[:-2]
     normals = np.cross(along, down)

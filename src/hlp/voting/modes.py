@@ -14,7 +14,8 @@ from hlp.records import Hypotheses, Votes
 from hlp.settings import Count, Doc, NotNegative, Positive, Registry, Settings
 from hlp.voting.mean_shift import find_modes
 
-Quaternions = Float[np.ndarray, "n 4"]
+Sample = tuple[Points, Float[np.ndarray, "n 4"], Values]
+"""Centroids (m), quaternions and weights of votes."""
 Modes = tuple[Float[np.ndarray, "m 7"], Values]
 """Centroids (m) with quaternions, and the weight of the votes that agree with each."""
 
@@ -53,6 +54,16 @@ VOTINGS: Registry[VotingSettings] = Registry("voting", "hlp.voting")
 """Alternatives of config group `voting`."""
 
 
+ByDistance = Annotated[
+    bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D; P: false)")
+]
+ByRegion = Annotated[
+    bool, Doc("and by the largest p(object) of the windows near the patch (D; P: false)")
+]
+MostVotes = Annotated[Count, Doc("largest number of votes used, of largest weight (D)")]
+Shifts = Annotated[int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")]
+
+
 @dataclass(frozen=True)
 class MeanShiftSettings(Settings):
     """What the alternatives have in common, with the paper's values. Kernels are flat."""
@@ -61,18 +72,12 @@ class MeanShiftSettings(Settings):
     max_distance: Annotated[
         NotNegative, Doc("T_h (P), in units of the codebook's feature scale; the value is ours (D)")
     ] = 3.0
-    weighted_by_distance: Annotated[
-        bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D; P: false)")
-    ] = False
-    weighted_by_region: Annotated[
-        bool, Doc("and by the largest p(object) of the windows near the patch (D; P: false)")
-    ] = False
+    weighted_by_distance: ByDistance = False
+    weighted_by_region: ByRegion = False
     translation_mm: Annotated[Positive, Doc("kernel radius for centroids (P: 10)")] = 10.0
     rotation_deg: Annotated[Positive, Doc("kernel radius for rotations (P: 5)")] = 5.0
-    max_votes: Annotated[Count, Doc("largest number of votes used, of largest weight (D)")] = 3000
-    mean_shift_iterations: Annotated[
-        int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")
-    ] = 10
+    max_votes: MostVotes = 3000
+    mean_shift_iterations: Shifts = 10
 
     @property
     def radius(self) -> float:
@@ -84,9 +89,7 @@ class MeanShiftSettings(Settings):
         """Of half the kernel radius for rotations: the least |dot product| of quaternions."""
         return float(np.cos(np.deg2rad(self.rotation_deg) / 2.0))
 
-    def modes(
-        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
-    ) -> Modes:
+    def modes(self, votes: Sample, team: ThreadTeam) -> Modes:
         """The modes of some votes, best first. The team does not affect results."""
         raise NotImplementedError
 
@@ -105,10 +108,9 @@ class PaperVotingSettings(MeanShiftSettings):
 
     name: Literal["paper"] = "paper"
 
-    def modes(
-        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
-    ) -> Modes:
+    def modes(self, votes: Sample, team: ThreadTeam) -> Modes:
         """One: the mode of translations and that of rotations with most votes."""
+        centroids, quats, weights = votes
         squares = (centroids**2).sum(axis=1)
         squared = squares[:, None] + squares - 2.0 * centroids @ centroids.T
         support = (squared <= self.radius**2) @ weights
@@ -141,12 +143,11 @@ class SequentialVotingSettings(MeanShiftSettings):
         Doc("largest number of translations, of rotations at each, and of coarse poses (P: 1)"),
     ] = 1
 
-    def modes(
-        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
-    ) -> Modes:
+    def modes(self, votes: Sample, team: ThreadTeam) -> Modes:
         """Up to `hypotheses`, those with most votes that agree in both, most first."""
+        centroids, quats, weights = votes
         limits = self.mean_shift_iterations, self.hypotheses, team
-        places, _ = find_modes(centroids, quats, weights, self.radius**2, 0.0, *limits)
+        places, _ = find_modes(*votes, self.radius**2, 0.0, *limits)
         found, supports = [], []
         for place in places:
             distances = np.linalg.norm(centroids - place[:3], axis=1)
@@ -171,28 +172,20 @@ class JointVotingSettings(MeanShiftSettings):
     """
 
     name: Literal["joint"] = "joint"
-    weighted_by_distance: Annotated[
-        bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D)")
-    ] = True
-    weighted_by_region: Annotated[
-        bool, Doc("and by the largest p(object) of the windows near the patch (D)")
-    ] = True
+    weighted_by_distance: ByDistance = True
+    weighted_by_region: ByRegion = True
     translation_mm: Annotated[Positive, Doc("kernel radius for centroids (D; P: 10)")] = 20.0
     rotation_deg: Annotated[Positive, Doc("kernel radius for rotations (D; P: 5)")] = 18.0
-    max_votes: Annotated[Count, Doc("largest number of votes used, of largest weight (D)")] = 1500
-    mean_shift_iterations: Annotated[
-        int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")
-    ] = 3
+    max_votes: MostVotes = 1500
+    mean_shift_iterations: Shifts = 3
     hypotheses: Annotated[
         Count, Doc("largest number of coarse poses; refinement takes the best fits (D; P: 1)")
     ] = 60
 
-    def modes(
-        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
-    ) -> Modes:
+    def modes(self, votes: Sample, team: ThreadTeam) -> Modes:
         """Up to `hypotheses`, started from votes of high support."""
         limits = self.mean_shift_iterations, self.hypotheses, team
-        return find_modes(centroids, quats, weights, self.radius**2, self.cosine, *limits)
+        return find_modes(*votes, self.radius**2, self.cosine, *limits)
 
 
 class MeanShiftModes:
@@ -208,8 +201,7 @@ class MeanShiftModes:
             return Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
         rows = np.argsort(-votes.weights, kind="stable")[: self.settings.max_votes]
         quats = quaternions(votes.rotations_cam_obj[rows])
-        means, support = self.settings.modes(
-            votes.centroids_cam[rows], quats, votes.weights[rows], self._team
-        )
+        heaviest = votes.centroids_cam[rows], quats, votes.weights[rows]
+        means, support = self.settings.modes(heaviest, self._team)
         rotations = rotation_matrices(means[:, 3:])
         return Hypotheses(rigid(rotations, means[:, :3] - rotations @ centroid_obj), support)

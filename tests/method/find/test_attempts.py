@@ -89,7 +89,8 @@ def refined(*poses):
 
 
 def attempts(estimator, context, instances, min_score=None):
-    return Attempts(estimator, context, 1, instances, None, min_score)
+    context.estimator = estimator
+    return Attempts(context, 1, instances, None, min_score)
 
 
 def found_places(tried):
@@ -123,27 +124,13 @@ def test_nothing_is_looked_for_beside_what_is_unlikely_coloured_or_all(
     assert estimator.asked == [] and found_places(tried) == [0]
 
 
-def test_some_more_are_tried_where_the_number_is_not_known_whatever_the_score_of_the_first(
-    verifier,
-):
+def test_where_the_number_is_not_known_some_more_are_tried_whatever_the_first_scores(verifier):
     context = frame(verifier, WHITE, WHITE)
     for templates, asked in ((True, (3, None)), (False, (20, 0.5))):
         estimator = Scores(verifier, [0.0] * 4, templates)
         tried = attempts(estimator, context, 20, min_score=0.5)
         tried.search_further(lambda *_: Hypotheses(POSES[:2], np.ones(2)), [])
         assert estimator.asked == [asked]
-
-
-def test_what_was_seen_of_an_answer_stays_with_its_fit(verifier):
-    context = frame(verifier, WHITE, WHITE)
-    estimator = Scores(verifier, [0.9, 0.5, 0.0, 0.0])
-    tried = attempts(estimator, context, 2)
-    tried.add(refined(POSES[0], POSES[1]))
-    tried.merged()
-    assert estimator.appearances[POSES[1].tobytes()] > 1.0  # plain, and in the other's colour
-    colored = Scores(verifier, [0.9, 0.5, 0.0, 0.0], templates=False)
-    attempts(colored, context, 2).add(refined(POSES[0]))
-    assert colored.appearances == {}
 
 
 def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(verifier):

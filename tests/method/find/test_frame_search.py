@@ -1,6 +1,7 @@
 """The objects of a frame are searched by several threads at once."""
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,6 @@ from hlp.kernels import ThreadTeam
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import STEPS, ObjectTrace
 from hlp.records import Hypotheses, Region
-
-CONTEXT = None
 
 
 class Estimator:
@@ -51,22 +50,26 @@ class Estimator:
         return False
 
 
+def search(estimator, counts, **options):
+    return search_frame(SimpleNamespace(estimator=estimator), counts, **options)
+
+
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_threads_search_different_objects(threads):
     estimator = Estimator(threads, threads)
     counts = {5: 1, 3: 2, 9: 1, 4: 1, 8: 1, 2: 1}
-    trace = search_frame(estimator, CONTEXT, counts, min_score=0.5)
+    trace = search(estimator, counts, min_score=0.5)
     assert list(trace) == list(counts) and all(found.refined is None for found in trace.values())
     assert estimator.done[0] == ("shared", counts)
     assert dict(estimator.done[1:-1]) == counts
     assert estimator.done[-1] == ("shared patches", sorted(counts))
-    assert search_frame(estimator, CONTEXT, {}, min_score=0.5) == {}
+    assert search(estimator, {}, min_score=0.5) == {}
 
 
 def test_what_the_classifier_is_least_sure_of_is_searched_first():
     """Answers stay in the order in which objects were asked for."""
     estimator = Estimator(1, 1, {5: 0.9, 3: 0.2, 9: 1.0, 4: 0.5})
-    trace = search_frame(estimator, CONTEXT, dict.fromkeys((5, 3, 9, 7, 4), 1), min_score=0.5)
+    trace = search(estimator, dict.fromkeys((5, 3, 9, 7, 4), 1), min_score=0.5)
     assert estimator.searched == [7, 3, 4, 5, 9]
     assert [*trace] == [5, 3, 9, 7, 4]
 
@@ -75,13 +78,13 @@ def test_a_search_stops_after_a_stage_and_takes_what_is_given():
     estimator = Estimator(1, 1)
     counts = {5: 2, 3: 1}
     alone = {"by_threads": False}
-    regions = search_frame(estimator, CONTEXT, counts, stop_after="regions", **alone)
+    regions = search(estimator, counts, stop_after="regions", **alone)
     assert estimator.done == [(5, 1), (3, 1)] and estimator.searched == []
     assert all(found.hypotheses is None for found in regions.values())
     given = {5: regions[5]}
-    coarse = search_frame(estimator, CONTEXT, counts, given=given, stop_after="hypotheses", **alone)
+    coarse = search(estimator, counts, given=given, stop_after="hypotheses", **alone)
     assert estimator.done[2:] == [(3, 1)] and estimator.searched == [5, 3]
     assert coarse[5].region is regions[5].region and coarse[5].refined is None
-    fine = search_frame(estimator, CONTEXT, counts, given=coarse, **alone)
+    fine = search(estimator, counts, given=coarse, **alone)
     assert estimator.done[3:] == [] and estimator.searched == [5, 3]
     assert [*fine] == [5, 3] and set(fine[5].seconds) == set(STEPS)

@@ -6,8 +6,8 @@ import torch
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
-from hlp.models.classifier_training import HolisticCNN
 from hlp.models.network import load_network
+from hlp.models.network_training import HolisticCNN
 from hlp.models.onnx_export import export_network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, cut_windows, metric_windows
 from hlp.records import Frame
@@ -100,10 +100,9 @@ def test_windows_are_classified_once_for_all_objects_that_share_them(loaded, obj
     assert exact.classify(1)[1] is not exact.classify(2)[1]
     assert fast.classify(1)[1] is fast.classify(2)[1]
     assert fast.classify(1)[1] is not fast.classify(4)[1]
-    again = FrameWindows(
-        scan(loaded, objects, EXACT), dataclasses.replace(frame, rgb=255 - frame.rgb)
-    )
-    assert (again.classify(1)[1] != exact.classify(1)[1]).any()
+    for object_id in (1, 2):  # sides are the objects' own
+        windows, _ = fast.classify(object_id)
+        np.testing.assert_allclose(windows.sides * windows.depths, 400 * SIZES[object_id])
 
 
 def test_the_fast_scan_leaves_out_the_wall_and_is_exact_elsewhere(loaded, objects, frame):
@@ -118,13 +117,6 @@ def test_the_fast_scan_leaves_out_the_wall_and_is_exact_elsewhere(loaded, object
     assert len(kept) > 0.8 * uneven.sum() / 2  # of every other window
     np.testing.assert_array_equal(found, classes[kept])
     np.testing.assert_array_equal(fewer.sides, windows.sides[kept])
-
-
-def test_sides_are_the_objects_own_where_windows_are_shared(loaded, objects, frame):
-    fast = scan(loaded, objects, FAST)
-    for object_id in (1, 2):
-        windows, _ = FrameWindows(fast, frame).classify(object_id)
-        np.testing.assert_allclose(windows.sides * windows.depths, 400 * SIZES[object_id])
 
 
 def test_a_frame_without_depth_has_no_windows(loaded, objects, frame):

@@ -16,7 +16,6 @@ from refinement_scene import CAMERA, disturbed
 
 REGION = Region(5, np.zeros((0, 2)), np.zeros(0), np.zeros((4, 4), dtype=bool))
 NONE = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
-CONTEXT = SimpleNamespace(observation="all")
 
 
 def pose(score):
@@ -71,7 +70,8 @@ class Looks:
 
 def search(estimator, *given, **options):
     """Scores and sources of the instances that were found."""
-    found = find_instances(estimator, CONTEXT, REGION, NONE, *given, **options)
+    context = SimpleNamespace(estimator=estimator, observation="all")
+    found = find_instances(context, REGION, NONE, *given, **options)
     if found is None:
         return [], []
     return [float(p[0, 3]) for p in found.chosen_poses], found.sources[[*found.instances]].tolist()
@@ -85,7 +85,6 @@ def search(estimator, *given, **options):
         ([None, [0.1], [0.9], [0.95]], [0.9], [-1], 3),
         ([[0.2], [0.4], None, [0.3]], [0.4], [-1], 4),  # or else the best wrong one
         ([[0.3], [0.1]], [0.3], [1], 2),
-        ([None, [0.4]], [0.4], [-1], 2),
         ([None, None], [], [], 2),
     ],
 )
@@ -123,6 +122,8 @@ def test_where_the_number_of_instances_is_not_known(looks, most, min_score, scor
 class Templates(Looks):
     """The second look is one by templates."""
 
+    matched = None
+
     def has_templates(self, _):
         return True
 
@@ -131,25 +132,22 @@ class Templates(Looks):
         return NONE
 
 
-@pytest.fixture
-def _scores_by_fit_alone(monkeypatch):
+@pytest.mark.parametrize(
+    ("looks", "most", "scores", "matched"),
+    [
+        ([[0.97], [0.3]], 1, [0.97], None),  # votes are sure
+        ([[0.9], [0.3]], 1, [0.9], (1, None)),
+        ([[0.97], [0.6], [0.8]], 10, [0.97, 0.6], (9, "all-0.97")),  # there may be more of them
+    ],
+)
+def test_templates_are_asked_for_where_votes_are_not_sure(
+    looks, most, scores, matched, monkeypatch
+):
     monkeypatch.setattr(attempts.Attempts, "_judged", lambda self: self._answers)
-
-
-@pytest.mark.usefixtures("_scores_by_fit_alone")
-@pytest.mark.parametrize(("first", "asked"), [(0.97, False), (0.9, True)])
-def test_templates_are_asked_for_one_where_votes_are_not_sure(first, asked):
-    estimator = Templates([first], [0.3])
-    assert search(estimator, 1, min_score=0.5)[0] == [first]
-    assert len(estimator.asked) == 1 + asked
-
-
-@pytest.mark.usefixtures("_scores_by_fit_alone")
-def test_templates_are_asked_for_more_where_the_number_is_not_known(monkeypatch):
     monkeypatch.setattr(attempts.Attempts, "search_neighbours", lambda _: None)
-    estimator = Templates([0.97], [0.6], [0.8])
-    assert search(estimator, 10, min_score=0.5)[0] == [0.97, 0.6]
-    assert estimator.matched == (9, "all-0.97")
+    estimator = Templates(*looks)
+    assert search(estimator, most, min_score=0.5)[0] == scores
+    assert estimator.matched == matched
 
 
 def test_no_instance_is_answered_twice():
@@ -158,11 +156,9 @@ def test_no_instance_is_answered_twice():
     assert search(estimator, 10, min_score=0.3)[0] == [0.9, 0.2, 0.1]
 
 
-def test_without_the_fallback_the_first_look_is_the_only_one_and_needs_no_score():
-    estimator = Looks([0.2], [0.9])
-    estimator.score = None
-    assert search(estimator, fallback=False) == ([0.2], [1])
-    assert len(estimator.asked) == 1
+def test_without_the_fallback_the_first_look_is_the_only_one_and_needs_no_score(monkeypatch):
+    monkeypatch.delattr(Looks, "score")
+    assert search(Looks([0.2], [0.9]), fallback=False) == ([0.2], [1])
 
 
 class Twins:
@@ -171,9 +167,8 @@ class Twins:
     def __init__(self, scene, scores=None):
         self.scene, self.scores, self.asked = scene, scores, list[int]()
         settings = VerificationSettings()
-        self.context = SimpleNamespace(
-            observation=observe(scene.rgb, scene.depth, CAMERA, settings)
-        )
+        seen = observe(scene.rgb, scene.depth, CAMERA, settings)
+        self.context = SimpleNamespace(estimator=self, observation=seen)
         self._verifier = Verifier(scene.model, settings)
 
     def verifier(self, _):
@@ -190,18 +185,12 @@ class Twins:
         refiner, seen = NoneSettings().build(1), self.context.observation
         return refine_and_choose(refiner, self._verifier, seen, given, 0, 1, rest)
 
-    def resolve(self, **poses):
+    def resolve(self, poses):
         """What was found of objects, given their coarse poses, before and after conflicts."""
-        given = {
-            int(name[1:]): Hypotheses(np.stack(own), np.ones(len(own)))
-            for name, own in poses.items()
-        }
+        given = {i: Hypotheses(np.stack(own), np.ones(len(own))) for i, own in poses.items()}
         found = {i: self.refine(i, own) for i, own in given.items()}
-        estimator = self
-        again = resolve_conflicts(
-            estimator, self.context, found, lambda i, rest: self.refine(i, given[i], rest)
-        )
-        return found, again
+        search_again = lambda i, rest: self.refine(i, given[i], rest)  # noqa: E731
+        return found, resolve_conflicts(self.context, found, search_again)
 
 
 @pytest.fixture(scope="module")
@@ -218,27 +207,24 @@ def off(row):
 
 def test_what_stands_on_anothers_pixels_is_chosen_anew(row, off, elsewhere):
     estimator = Twins(row[0])
-    found, resolved = estimator.resolve(o1=[row[0].pose], o2=[off, elsewhere])
+    found, resolved = estimator.resolve({1: [row[0].pose], 2: [off, elsewhere]})
     assert found[2].sources[found[2].best] == 0
     assert resolved[1] is found[1] and estimator.asked == [1, 2, 2]
     assert resolved[2].sources[resolved[2].best] == 1
 
 
-def test_an_object_that_has_nothing_of_its_own_is_not_found(row, off):
-    found, resolved = Twins(row[0]).resolve(o1=[off], o2=[row[0].pose])
-    assert resolved[1] is None and resolved[2] is found[2]
-
-
-@pytest.mark.parametrize("scores", [{1: 0.9, 2: 0.6}, {1: 0.6, 2: 0.9}])
-def test_of_objects_without_colours_the_more_probable_one_stays(row, off, scores):
-    """The costs of different objects cannot be compared: that of the second is less both times."""
-    found, resolved = Twins(row[0], scores).resolve(o1=[off], o2=[row[0].pose])
-    winner = max(scores, key=scores.__getitem__)
+@pytest.mark.parametrize("scores", [None, {1: 0.9, 2: 0.6}, {1: 0.6, 2: 0.9}])
+def test_of_two_in_one_place_the_cheaper_stays_or_without_colours_the_more_probable(
+    row, off, scores
+):
+    """The costs of different objects cannot be compared: that of the second is less each time."""
+    found, resolved = Twins(row[0], scores).resolve({1: [off], 2: [row[0].pose]})
+    winner = max(scores, key=scores.__getitem__) if scores else 2
     assert resolved[winner] is found[winner] and resolved[3 - winner] is None
 
 
 def test_objects_beside_each_other_keep_their_poses(row, elsewhere):
-    found, resolved = Twins(row[0]).resolve(o1=[row[0].pose], o2=[elsewhere])
+    found, resolved = Twins(row[0]).resolve({1: [row[0].pose], 2: [elsewhere]})
     assert resolved == found
-    alone, same = Twins(row[0]).resolve(o1=[row[0].pose])
+    alone, same = Twins(row[0]).resolve({1: [row[0].pose]})
     assert same is alone

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -12,7 +11,6 @@ import pytest
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.data.synthetic.objects import demo_objects
 from hlp.kernels import ThreadTeam
-from hlp.method.find import patch_matching
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching, SearchGroup, search_groups
 from hlp.method.settings import FindSettings
 from hlp.patches.local import region_pixels
@@ -155,8 +153,7 @@ def test_threads_may_ask_at_once(frame):
     encoder, parts = Encoder(), regions(frame)
     of_frame = matches_of(frame, encoder)
     alone = [matches_of(frame).match(1, pixels) for pixels in parts]
-    with ThreadPoolExecutor(12) as pool:
-        found = list(pool.map(lambda number: of_frame.match(1, parts[number % 3]), range(12)))
+    found = ThreadTeam(12).map(lambda number: of_frame.match(1, parts[number % 3]), 12)
     for number, one in enumerate(found):
         assert_same(one, alone[number % 3])
     assert encoder.seen == places(alone)
@@ -193,28 +190,17 @@ def test_a_codebook_of_ones_own_needs_the_documented_protocol_alone(frame):
 
 
 @pytest.mark.parametrize(("size_mm", "side"), [(None, 0.038 * 1.5), (45.0, 0.045 * 1.5)])
-def test_patches_are_cut_at_the_side_that_settings_tell(size_mm, side, frame, monkeypatch):
+def test_patches_are_cut_at_the_side_that_settings_tell(size_mm, side, monkeypatch):
     """An object's own size of 38 mm makes patches of 57 mm."""
-    cut_at = []
-    cut = patch_matching.cut_local_patches
-
-    def noted(*given):
-        cut_at.append(given[4])
-        return cut(*given)
-
-    monkeypatch.setattr(patch_matching, "cut_local_patches", noted)
     models = {i: replace(model, local_size=0.038) for i, model in MODELS.items()}
     monkeypatch.setattr(Learnt, "models", models)
     local = replace(OWN.coarse.local, size_mm=size_mm)
     settings = replace(OWN, coarse=replace(OWN.coarse, local=local))
-    matches_of(frame, None, settings).match(1, regions(frame)[0])
-    assert cut_at == [local.side_of(0.038)] == [pytest.approx(side)]
+    assert matching(settings, Encoder()).group(1).side == pytest.approx(side)
 
 
 def test_features_are_held_once():
-    learnt = Learnt()
-    settings = SHARED
-    group = SearchGroup(learnt, tuple(MODELS), settings)
+    group = SearchGroup(Learnt(), tuple(MODELS), SHARED)
     for object_id, codebook in group.codebooks.items():
         assert np.shares_memory(codebook.features, group.features)
         np.testing.assert_array_equal(codebook.features, Learnt().load_codebook(object_id).features)

@@ -17,19 +17,20 @@ def plate():
     return ObjectModel(1, "plate", mesh, mesh, 0.145, np.eye(4)[None], 0.1, 0.04)
 
 
-def random_pose(model, rng):
+def random_case(model, rng):
+    """A random pose, and a plane that the object then lies on."""
     rotation = Rotation.random(random_state=rng).as_matrix()
-    return rigid(rotation, np.array([0.1, -0.05, 0.7]) - rotation @ model.centroid)
+    pose = rigid(rotation, np.array([0.1, -0.05, 0.7]) - rotation @ model.centroid)
+    plane = resting_plane(model, pose, rng)
+    assert plane is not None
+    return pose, plane
 
 
 def test_a_plate_lies_on_a_face_mostly_on_a_large_one():
     model, rng = plate(), np.random.default_rng(0)
     flat = 0
     for _ in range(60):
-        pose = random_pose(model, rng)
-        plane = resting_plane(model, pose, rng)
-        assert plane is not None
-        normal, offset = plane
+        pose, (normal, offset) = random_case(model, rng)
         heights = transform(pose, model.mesh.vertices) @ normal - offset
         assert np.isclose(heights, 0.0, atol=1e-9).sum() >= 4 and heights.min() > -1e-9
         assert normal @ pose[:3, 3] < 0.0
@@ -40,9 +41,7 @@ def test_a_plate_lies_on_a_face_mostly_on_a_large_one():
 def test_more_of_the_object_lie_beside_it_and_walls_around_it():
     model, rng = plate(), np.random.default_rng(1)
     for _ in range(20):
-        pose = random_pose(model, rng)
-        plane = resting_plane(model, pose, rng)
-        assert plane is not None
+        pose, plane = random_case(model, rng)
         center = transform(pose, model.centroid[None])[0]
         others = copies(model.mesh, model, pose, plane, rng)
         places = [center, *(transform(at, model.centroid[None])[0] for _, at in others)]

@@ -31,13 +31,6 @@ def test_the_object_is_where_the_truth_says():
     assert 0.5 < np.median(agreeing) <= 1.05
 
 
-def test_a_scene_without_the_object_has_no_target():
-    frame = scene(2, present=False)
-    assert frame.targets == ()
-    assert frame.rgb.dtype == np.uint8 and frame.depth.dtype == np.float32
-    assert (frame.depth > 0.0).mean() > 0.5
-
-
 def test_equal_numbers_give_equal_scenes_and_others_do_not():
     one, same, other = scene(1), scene(1), scene(3)
     np.testing.assert_array_equal(one.rgb, same.rgb)
@@ -63,6 +56,7 @@ def test_frames_of_the_user_are_backgrounds():
     rgb = np.full((240, 320, 3), 90, np.uint8)
     room = Frame(0, 0, rgb, np.full((240, 320), 2.5, np.float32), camera)
     frame = calibration_scene(make_model(), False, VIEWS, (room,), 1, seed=0)
+    assert frame.targets == () and frame.rgb.dtype == np.uint8 and frame.depth.dtype == np.float32
     assert frame.depth.shape == (240, 320)
     np.testing.assert_array_equal(frame.camera_matrix, camera)
     assert np.median(frame.depth[frame.depth > 2.0]) == pytest.approx(2.5, abs=0.05)

@@ -57,31 +57,26 @@ def test_colours_in_cells_come_back_as_they_are_computed(tmp_path, model):
     assert stored.color_grid.cell == computed.cell
 
 
-@pytest.mark.parametrize("damaged", [b"", b"PK", None])
-def test_damaged_colours_are_named(tmp_path, model, damaged):
+@pytest.mark.parametrize("name", ["colors.npz", "texture.png"])
+def test_damaged_colours_are_named(tmp_path, model, name):
     write_model(tmp_path, model)
-    if damaged is None:
-        np.savez(tmp_path / "colors.npz", corner=np.zeros(3))
-    else:
-        (tmp_path / "colors.npz").write_bytes(damaged)
-    with pytest.raises(DataError, match=r"colors"):
+    (tmp_path / name).write_bytes(b"PK")
+    with pytest.raises(DataError, match=name):
         read_model(tmp_path)
 
 
-def test_a_damaged_texture_is_named(tmp_path, model):
+def test_a_missing_array_is_named(tmp_path, model):
     write_model(tmp_path, model)
-    (tmp_path / "texture.png").write_bytes(b"")
-    with pytest.raises(DataError, match=r"texture\.png"):
+    np.savez(tmp_path / "colors.npz", corner=np.zeros(3))
+    with pytest.raises(DataError, match="colors"):
         read_model(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"id": "1"}, "id is '1': it must be a whole number"),
         ({"colored": 1}, "colored is 1: it must be true or false"),
         ({"diameter": 0.0}, "diameter is 0.0: it must be above 0"),
-        ({"name": None}, "name is null: it must be text"),
     ],
 )
 def test_an_object_that_is_not_as_its_schema_is_named(tmp_path, model, values, words):

@@ -14,7 +14,7 @@ from hlp.reporting.mlflow.pages import (
     short_name,
     summary_metrics,
 )
-from written_summary import summary
+from written_results import summary
 
 
 @pytest.mark.parametrize(

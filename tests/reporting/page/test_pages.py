@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,13 @@ import pytest
 
 from box_scene import box_model
 from hlp.errors import DataError
-from hlp.records import Frame, TargetScore
+from hlp.records import Frame, Target, TargetScore
 from hlp.reporting.page import page_or_log
 from hlp.reporting.page.pages import study_folders, write_run_page, write_study_page
-from hlp.reporting.page.report_data import ReportDataWriter
+from hlp.reporting.page.report_data import ReportData, keep_target, wires_of
 from hlp.reporting.report import report_runs, write_pages
 from hlp.results.poses_file import write_scores
-from written_results import write_run
-from written_summary import summary
+from written_results import summary, write_run
 
 
 def target(frame: int, right: bool, found: bool = True, **changes: Any) -> TargetScore:
@@ -52,11 +52,12 @@ def keep(run: Path, *frames: int) -> None:
     pose[:3, 3] = 0.0, 0.0, 0.8
     camera = np.array([[100.0, 0.0, 80.0], [0.0, 100.0, 60.0], [0.0, 0.0, 1.0]])
     model = replace(box_model(), name="<cat>")
-    writer = ReportDataWriter(run)
+    targets = []
     for frame in frames:
         shot = Frame(1, frame, np.full((120, 160, 3), 90, dtype=np.uint8), depth, camera)
-        writer.add_target((1, frame, 6, 0), shot.rgb, shot, model, (pose, None))
-    writer.write([model])
+        seen: Any = SimpleNamespace(frame=shot, model=model, truth=Target(6, pose), pose=None)
+        targets.append(keep_target(run, (1, frame, 6, 0), shot.rgb, seen))
+    ReportData({model.name: wires_of(model)}, targets).write(run)
 
 
 class Page(HTMLParser):

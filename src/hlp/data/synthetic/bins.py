@@ -21,7 +21,7 @@ from hlp.geometry import rigid
 from hlp.objects.distractors import random_color, random_shape
 from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.meshes import mesh_diameter
-from hlp.objects.shapes import CUBE, box_walls, hull_mesh, lathe, merge, moved, rounded_box
+from hlp.objects.shapes import CUBE, box_walls, centred, hull_mesh, lathe, merge, moved, rounded_box
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.rasterizer import render_depth
 from hlp.settings import Doc
@@ -115,10 +115,9 @@ def _painted(mesh: Mesh, paint: Point) -> Mesh:
 
 def _small_shape(rng: np.random.Generator) -> Mesh:
     """A random shape about the origin."""
-    mesh = random_shape(rng)
+    mesh = centred(random_shape(rng))
     scale = rng.uniform(*_ROUGH) / mesh_diameter(mesh.vertices)
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    return replace(mesh, vertices=(mesh.vertices - (low + high) / 2) * scale)
+    return replace(mesh, vertices=mesh.vertices * scale)
 
 
 def _empty_bin(reach: Float[np.ndarray, "2 2"]) -> Heights:
@@ -194,11 +193,10 @@ def _resting_heights(
 def bin_parts() -> dict[int, ObjectModel]:
     """A bracket and a lever by object id, built once. Neither has a symmetry."""
     meshes = {"bracket": _bracket(), "lever": _lever()}
-    models = {}
-    for object_id, (name, mesh) in enumerate(meshes.items(), start=1):
-        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        models[object_id] = shape_model(object_id, name, _plain(moved(mesh, -(low + high) / 2)))
-    return models
+    return {
+        object_id: shape_model(object_id, name, _plain(centred(mesh)))
+        for object_id, (name, mesh) in enumerate(meshes.items(), start=1)
+    }
 
 
 def _plain(mesh: Mesh) -> Mesh:

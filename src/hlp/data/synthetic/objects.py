@@ -14,7 +14,17 @@ from hlp.arrays import Poses
 from hlp.geometry import rigid
 from hlp.objects.meshes import decimate, mesh_diameter
 from hlp.objects.object_model import holistic_size, local_size
-from hlp.objects.shapes import cylinder, ellipsoid, lathe, merge, moved, painted, rounded_box, tube
+from hlp.objects.shapes import (
+    centred,
+    cylinder,
+    ellipsoid,
+    lathe,
+    merge,
+    moved,
+    painted,
+    rounded_box,
+    tube,
+)
 from hlp.records import Mesh, ObjectModel
 
 PROXY_FACES = 2000
@@ -171,11 +181,6 @@ def _lamp() -> Mesh:
     )
 
 
-def _centred(mesh: Mesh) -> Mesh:
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    return moved(mesh, -(low + high) / 2)
-
-
 def turns_about_z(steps: int) -> Poses:
     """Rotations (n, 4, 4) about z by multiples of 2π / `steps`, the identity first."""
     angle = np.arange(steps) * (2 * np.pi / steps)
@@ -190,7 +195,7 @@ def turns_about_z(steps: int) -> Poses:
 def _models() -> tuple[ObjectModel, ...]:
     shapes = (_bear, _bowl, _camera, _can, _drill, _duck, _lamp, _rabbit)
     return tuple(
-        shape_model(number, shape.__name__.removeprefix("_"), _centred(shape()))
+        shape_model(number, shape.__name__.removeprefix("_"), centred(shape()))
         for number, shape in enumerate(shapes, start=1)
     )
 

@@ -1,6 +1,7 @@
 """RGB-D frames of random, cluttered demo scenes with exact poses, rendered on demand."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -29,7 +30,7 @@ LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
 _FULL_SIZE = (640, 480)
 _BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets
-_CACHED = 64  # frames of 2 MB each at full size
+_CACHED = 64  # frames of 2 MB each at full size: rendering takes longer than finding an object
 
 
 @DATASETS.register
@@ -80,8 +81,8 @@ class SyntheticScenes:
         self._scale = settings.width / _FULL_SIZE[0], settings.shape[0] / _FULL_SIZE[1]
         self.camera_matrix: Float[np.ndarray, "3 3"] = np.diag([*self._scale, 1.0]) @ LINEMOD_CAMERA
         self._numbers = {frame_key(number, 0): number for number in range(settings.scenes)}
-        self._cache: dict[str, Frame] = {}
-        self._last: tuple[str, Scene] | None = None
+        self._frames = lru_cache(_CACHED)(self._make)
+        self._scenes = lru_cache(1)(self._render)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -97,19 +98,11 @@ class SyntheticScenes:
         return content_hash([], f"synthetic {made_by} {self._targets} {self.settings}")
 
     def load(self, key: str) -> Frame:
-        """One frame. Raises KeyError for an unknown key.
-
-        The last frames are cached: rendering one takes longer than finding an object in it.
-        """
-        if key not in self._cache:
-            if len(self._cache) == _CACHED:
-                self._cache.pop(next(iter(self._cache)))
-            self._cache[key] = self._make(key)
-        return self._cache[key]
+        """One frame. Raises KeyError for an unknown key."""
+        return self._frames(key)
 
     def _make(self, key: str) -> Frame:
-        number = self._number(key)
-        scene = self.scene(key)
+        scene, number = self.scene(key), self._numbers[key]
         sensor = Kinect(self.settings.noise, binning=1.0 / self._scale[0])
         rng = self._rng(number, "sensor")
         return Frame(
@@ -123,13 +116,12 @@ class SyntheticScenes:
 
     def scene(self, key: str) -> Scene:
         """The scene of a frame before the sensor model. Raises KeyError for an unknown key."""
-        last = self._last
-        if last is None or last[0] != key:
-            self._last = last = (key, self._render(key))
-        return last[1]
+        return self._scenes(key)
 
     def _render(self, key: str) -> Scene:
-        rng = self._rng(self._number(key), "layout")
+        if key not in self._numbers:
+            raise KeyError(f"no synthetic frame {key!r}: there are {len(self)}, named as in .keys")
+        rng = self._rng(self._numbers[key], "layout")
         settings = self.settings
         azimuth = rng.uniform(0.0, 2 * np.pi)
         pose_cam_world = look_at(
@@ -142,12 +134,10 @@ class SyntheticScenes:
         items = self._place(inverse(pose_cam_world)[:3, 3], rng)
         light = light_from_above(pose_cam_world, rng)
         parts = [(item.mesh, pose_cam_world @ item.pose_world_obj) for item in items]
-        shape = settings.shape
-        rgb, depth, index = render_scene(parts, self.camera_matrix, shape, light)
+        view = (self.camera_matrix, settings.shape, light)
+        rgb, depth, index = render_scene(parts, *view)
         around = random_surroundings(azimuth, rng)
-        back_rgb, back_depth = draw_surroundings(
-            around, items, pose_cam_world, self.camera_matrix, shape, light
-        )
+        back_rgb, back_depth = draw_surroundings(around, items, pose_cam_world, *view)
         # The surfaces are behind all items: pixels without an item show a surface or nothing.
         empty = index < 0
         rgb[empty], depth[empty] = back_rgb[empty], back_depth[empty]
@@ -159,12 +149,13 @@ class SyntheticScenes:
         Raises KeyError for an unknown frame.
         """
         scene = self.scene(frame.key)
-        poses = [scene.pose_cam_obj(number) for number in range(len(scene.items))]
-        of_target = [
-            item.object_id == target.object_id and np.array_equal(pose, target.pose_cam_obj)
-            for item, pose in zip(scene.items, poses, strict=True)
-        ]
-        return np.asarray(scene.index == of_target.index(True))
+        number = next(
+            number
+            for number, item in enumerate(scene.items)
+            if item.object_id == target.object_id
+            and np.array_equal(scene.pose_cam_obj(number), target.pose_cam_obj)
+        )
+        return np.asarray(scene.index == number)
 
     def _place(self, eye: Vector, rng: np.random.Generator) -> list[Item]:
         """Randomly chosen objects and clutter; only clutter without targets."""
@@ -191,11 +182,6 @@ class SyntheticScenes:
                 targets.append(Target(item.object_id, pose, float(visible)))
         return tuple(sorted(targets, key=lambda target: target.object_id))
 
-    def _number(self, key: str) -> int:
-        if key not in self._numbers:
-            raise KeyError(f"no synthetic frame {key!r}: there are {len(self)}, named as in .keys")
-        return self._numbers[key]
-
     def _rng(self, number: int, purpose: str) -> np.random.Generator:
         streams = ("layout", "sensor").index(purpose) * 2 + int(self._targets)
         return np.random.default_rng([self.settings.seed, number, streams])
@@ -204,8 +190,14 @@ class SyntheticScenes:
 def dataset_of(
     settings: DataSettings, frames: SyntheticScenes, models: dict[int, ObjectModel]
 ) -> Dataset:
-    """The objects in the frames; scenes without the demo's objects to train with."""
-    background = training_frames(frames.settings.background_frames, _BACKGROUND_SEED)
+    """The objects in the frames; scenes of clutter alone to train with.
+
+    These have the default settings, whatever those of the test scenes: more noise in a test set, or
+    another size, is no reason to train again.
+    """
+    count = frames.settings.background_frames
+    training = SyntheticSettings(scenes=count, seed=_BACKGROUND_SEED)
+    background = SyntheticScenes(training, targets=False)
     return Dataset(
         models,
         tuple(models),
@@ -214,15 +206,6 @@ def dataset_of(
         encoder_frames=background,
         settings=settings,
     )
-
-
-def training_frames(count: int, seed: int) -> SyntheticScenes:
-    """`count` frames without any demo object: clutter only, under the default settings.
-
-    The settings of the test scenes do not enter: a test set with more noise, or of another size,
-    is no reason to train again.
-    """
-    return SyntheticScenes(SyntheticSettings(scenes=count, seed=seed), targets=False)
 
 
 def silhouette_area(item: Item, pose_cam_obj: Pose, camera_matrix: CameraMatrix) -> int:

@@ -116,16 +116,11 @@ def _on_table(points: Points, surroundings: Surroundings) -> Flags:
     return np.asarray((along < surroundings.half_size[0]) & (across < surroundings.half_size[1]))
 
 
-def _map_pixels(places: Positions) -> Positions:
-    scale = np.float32(MAP_PIXELS / MAP_SIDE)
-    return np.asarray(places * scale + np.float32(MAP_PIXELS / 2), dtype=np.float32)
-
-
 def _sample_map(picture: Float[np.ndarray, "m m"], places: Positions) -> Values:
     """Values of a map at places (m) relative to its middle; it is mirrored beyond its border."""
     if len(places) == 0:
         return np.zeros(0, dtype=np.float32)
-    pixels = _map_pixels(places)
+    pixels = places * np.float32(MAP_PIXELS / MAP_SIDE) + np.float32(MAP_PIXELS / 2)
     # OpenCV is limited to 32767 rows, so the list is folded into columns.
     rows = -(-len(pixels) // _FOLD)
     folded = np.zeros((rows * _FOLD, 2), dtype=np.float32)

@@ -10,7 +10,7 @@ import numpy as np
 
 from hlp.arrays import Pose, Poses
 from hlp.geometry import rigid, rotation_distance, transform
-from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import FrameContext
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.appearance import (
     BEST_OF_MANY,
@@ -48,10 +48,8 @@ class Unexplained:
     `left` is where it begins; None: the whole frame.
     """
 
-    def __init__(
-        self, estimator: PoseEstimator, context: FrameContext, left: Observation | None
-    ) -> None:
-        self._estimator, self._context, self.left = estimator, context, left
+    def __init__(self, context: FrameContext, left: Observation | None) -> None:
+        self._estimator, self._context, self.left = context.estimator, context, left
 
     @property
     def observation(self) -> Observation:
@@ -92,16 +90,15 @@ class Attempts:
 
     def __init__(
         self,
-        estimator: PoseEstimator,
         context: FrameContext,
         object_id: int,
         instances: int,
         unexplained: Observation | None,
         min_score: float | None,
     ) -> None:
-        self._estimator, self._context, self._object_id = estimator, context, object_id
+        self._estimator, self._context, self._object_id = context.estimator, context, object_id
         self._instances, self._unexplained, self._min_score = instances, unexplained, min_score
-        self._colorless = estimator.has_templates(object_id)
+        self._colorless = context.estimator.has_templates(object_id)
         self._help_each_other = instances > 1 and self._colorless
         self._found: list[RefinedHypotheses] = []
         self._answers: list[_Answer] = []
@@ -174,7 +171,7 @@ class Attempts:
             self._answers.append(_Answer(score, row, best, answer.chosen))
 
     def _left_by(self, known: Sequence[Pose]) -> Observation | None:
-        rest = Unexplained(self._estimator, self._context, self._unexplained)
+        rest = Unexplained(self._context, self._unexplained)
         for pose in known:
             rest.take(self._object_id, pose)
         return rest.left
@@ -241,7 +238,7 @@ class Attempts:
     def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:
         """Those of the answers, the best first, that do not stand on pixels of better ones."""
         kept: list[_Answer] = []
-        rest = Unexplained(self._estimator, self._context, self._unexplained)
+        rest = Unexplained(self._context, self._unexplained)
         for answer in answers:
             if len(kept) == self._instances:
                 break

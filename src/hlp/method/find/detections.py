@@ -8,10 +8,11 @@ from itertools import combinations
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
+from hlp.arrays import Pose, Poses
 from hlp.geometry import rotation_distance, transform
-from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import FrameContext
 from hlp.method.find.trace import Trace
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.choice import RefinedHypotheses
@@ -45,7 +46,7 @@ class RunnerUp:
         (4, 4)
     """
 
-    pose_cam_obj: Float[np.ndarray, "4 4"]
+    pose_cam_obj: Pose
     score: float
 
 
@@ -80,11 +81,11 @@ class Detection:
 
     object: str
     score: float
-    pose_cam_obj: Float[np.ndarray, "4 4"]
+    pose_cam_obj: Pose
     visible_fraction: float
     seconds: float
     residual_mm: float
-    equivalent_poses: Float[np.ndarray, "n 4 4"]
+    equivalent_poses: Poses
     runner_up: RunnerUp | None
     fit: PoseFit
     rank: int | None = field(default=None, kw_only=True)
@@ -207,12 +208,10 @@ def _lies_on(
     return lies_on
 
 
-def sort_answers(
-    estimator: PoseEstimator, context: FrameContext, trace: Trace, min_score: float
-) -> SearchResult:
+def sort_answers(context: FrameContext, trace: Trace, min_score: float) -> SearchResult:
     """What a search of a frame found, divided by its score."""
     detections, rejections = list[Detection](), list[Rejection]()
-    answers, models = describe_all(estimator, context, trace), estimator.learnt.models
+    answers, models = describe_all(context, trace), context.estimator.learnt.models
     for answer in sorted(answers, key=lambda answer: -answer.score):
         if answer.score >= min_score:
             detections.append(answer)
@@ -225,45 +224,38 @@ def sort_answers(
     return SearchResult(with_ranks(detections, models, context.frame), rejections)
 
 
-def describe_all(estimator: PoseEstimator, context: FrameContext, trace: Trace) -> list[Detection]:
+def describe_all(context: FrameContext, trace: Trace) -> list[Detection]:
     """The instances that a search chose, object by object, with all that is known of them."""
-    there = [(i, found.refined, found) for i, found in trace.items() if found.refined is not None]
+    ids = [*trace]
 
-    def describe_object(number: int) -> list[Detection]:
-        object_id, refined, found = there[number]
-        return describe(estimator, context, object_id, refined, sum(found.seconds.values()))
+    def describe_object(place: int) -> list[Detection]:
+        found = trace[ids[place]]
+        return describe(context, ids[place], found.refined, sum(found.seconds.values()))
 
-    described = estimator.team.map(describe_object, len(there))
+    described = context.estimator.team.map(describe_object, len(ids))
     return [detection for of_object in described for detection in of_object]
 
 
 def describe(
-    estimator: PoseEstimator,
     context: FrameContext,
     object_id: int,
-    refined: RefinedHypotheses,
+    refined: RefinedHypotheses | None,
     seconds: float = 0.0,
 ) -> list[Detection]:
     """The instances that stage 3 chose, with all that is known of them."""
-    share = seconds / len(refined.instances)
-    return [
-        replace(
-            describe_pose(estimator, context, object_id, refined.refined[row].pose_cam_obj),
-            seconds=share,
-            runner_up=_runner_up(estimator, context, object_id, refined, row),
-        )
-        for row in refined.instances
-    ]
+    if refined is None:
+        return []
+    described = []
+    for row, pose in zip(refined.instances, refined.chosen_poses, strict=True):
+        found = describe_pose(context, object_id, pose)
+        other = _runner_up(context, object_id, refined, row)
+        described.append(replace(found, seconds=seconds / len(refined.instances), runner_up=other))
+    return described
 
 
-def describe_pose(
-    estimator: PoseEstimator,
-    context: FrameContext,
-    object_id: int,
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-) -> Detection:
+def describe_pose(context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Detection:
     """One pose of an object, without a runner-up and in no time."""
-    model = estimator.learnt.models[object_id]
+    estimator, model = context.estimator, context.estimator.learnt.models[object_id]
     fit = estimator.measure_fit(context, object_id, pose_cam_obj)
     return Detection(
         model.name,
@@ -279,13 +271,12 @@ def describe_pose(
 
 
 def _runner_up(
-    estimator: PoseEstimator,
     context: FrameContext,
     object_id: int,
     refined: RefinedHypotheses,
     chosen: int,
 ) -> RunnerUp | None:
-    model = estimator.learnt.models[object_id]
+    model = context.estimator.learnt.models[object_id]
     poses = np.stack([found.pose_cam_obj for found in refined.refined])
     alike = poses[chosen] @ model.symmetries
     centers = transform(poses, model.centroid[None])[:, 0]
@@ -296,4 +287,4 @@ def _runner_up(
     if len(other) == 0:
         return None
     pose = poses[other[np.argmin(refined.costs[other])]]
-    return RunnerUp(pose, estimator.score(context, object_id, pose))
+    return RunnerUp(pose, context.estimator.score(context, object_id, pose))

@@ -12,7 +12,7 @@ from hlp.image_edges import color_edges
 from hlp.kernels import ThreadTeam
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMatching
-from hlp.method.find.trace import NOBODY, ObjectTrace, Observer
+from hlp.method.find.trace import ObjectTrace, Observer, nobody
 from hlp.method.settings import FindSettings
 from hlp.models.encoder import Encoder
 from hlp.patches import window_choice
@@ -40,12 +40,13 @@ class FrameContext:
     bytes.
     """
 
+    estimator: "PoseEstimator"
     frame: Frame
     windows: FrameWindows
     matches: FrameMatches
     verification: VerificationSettings
     mask: Mask | None = None
-    observer: Observer = NOBODY
+    observer: Observer = nobody
 
     def __post_init__(self) -> None:
         self.fits: dict[tuple[int, bytes], PoseFit] = {}
@@ -107,16 +108,16 @@ class PoseEstimator:
                 color_grid(self.learnt.models[object_id].mesh)
 
     def prepare(
-        self, frame: Frame, mask: Mask | None = None, observer: Observer = NOBODY
+        self, frame: Frame, mask: Mask | None = None, observer: Observer = nobody
     ) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""
-        observer.enter("windows")
+        observer("windows")
         windows = FrameWindows(self.scan, frame, observer)
         matches = FrameMatches(self.matching, frame, observer)
         verification = self.settings.fine.refinement.verification
         if all(self.learnt.models[object_id].mesh.colored for object_id in self.object_ids):
             verification = replace(verification, tau_image_edge_mm=None)  # nobody would look
-        return FrameContext(frame, windows, matches, verification, mask, observer)
+        return FrameContext(self, frame, windows, matches, verification, mask, observer)
 
     def share_work(self, context: FrameContext, object_ids: Iterable[int]) -> None:
         """Do what these objects share in a frame now, and not when the first one needs it."""
@@ -131,7 +132,7 @@ class PoseEstimator:
         """
         settings, model = self.settings.regions, self.learnt.models[object_id]
         windows, classes = context.windows.classify(object_id)
-        context.observer.enter("region")
+        context.observer("region")
         label = list(self.learnt.classes).index(object_id) + 1
         height, width = context.frame.depth.shape
         region = candidate_region(
@@ -169,12 +170,12 @@ class PoseEstimator:
     def find_hypotheses(self, context: FrameContext, region: Region) -> ObjectTrace:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
         begun = time.perf_counter()
-        context.observer.enter("cut")
+        context.observer("cut")
         frame, model = context.frame, self.learnt.models[region.object_id]
         codebook = self.matching.group(region.object_id).codebooks[region.object_id]
         cut, matches = context.matches.match(region.object_id, self._patch_pixels(frame, region))
         matched = time.perf_counter()
-        context.observer.enter("vote")
+        context.observer("vote")
         voting, weights = self.settings.coarse.voting, None
         if voting.weighted_by_region:
             half = frame.camera_matrix[0, 0] * model.diameter / cut.points_cam[:, 2] / 2.0
@@ -182,7 +183,7 @@ class PoseEstimator:
         votes = cast_votes(
             cut, matches, codebook, model, voting.max_distance, voting.weighted_by_distance, weights
         )
-        context.observer.enter("modes")
+        context.observer("modes")
         found = self._modes.find(votes, model.centroid)
         seconds = {"local": matched - begun, "voting": time.perf_counter() - matched}
         return ObjectTrace(region, cut, votes, found, seconds=seconds)
@@ -217,7 +218,7 @@ class PoseEstimator:
         """
         settings, model = self.settings.fine.templates, self.learnt.models[object_id]
         assert settings is not None
-        context.observer.enter("templates")
+        context.observer("templates")
         templates = self._templates(object_id, settings)
         seen = context.observation if unexplained is None else unexplained
         view = context.edge_answers(settings.reach), seen.depth, seen.camera_matrix
@@ -245,7 +246,7 @@ class PoseEstimator:
         """
         if len(hypotheses) == 0:
             return None
-        context.observer.enter("screen")
+        context.observer("screen")
 
         def good_enough(pose_cam_obj: Pose) -> bool:
             return self.score(context, object_id, pose_cam_obj) >= (min_score or 0.0)
@@ -259,7 +260,7 @@ class PoseEstimator:
             instances,
             unexplained,
             None if min_score is None else good_enough,
-            context.observer.enter,
+            context.observer,
         )
 
     def follow(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Pose:

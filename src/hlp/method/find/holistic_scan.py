@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.kernels import ThreadTeam
-from hlp.method.find.trace import NOBODY, Observer
+from hlp.method.find.trace import Observer, nobody
 from hlp.models.classifier import CHUNK, class_probabilities
 from hlp.models.network import Network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, Windows, metric_windows
@@ -52,7 +52,7 @@ class HolisticScan:
 class FrameWindows:
     """The windows of one frame, classified when an object of their size is first requested."""
 
-    def __init__(self, scan: HolisticScan, frame: Frame, observer: Observer = NOBODY) -> None:
+    def __init__(self, scan: HolisticScan, frame: Frame, observer: Observer = nobody) -> None:
         self._scan, self._frame, self._observer = scan, frame, observer
         self._images = WindowImages(frame.rgb, frame.depth, scan.holistic, scan.team)
         self._classified: dict[SizeGroup, tuple[Windows, Classes]] = {}
@@ -60,7 +60,7 @@ class FrameWindows:
 
     def classify(self, object_id: int) -> tuple[Windows, Classes]:
         """An object's windows and the probabilities of all classes at each."""
-        self._observer.enter("windows")
+        self._observer("windows")
         group = self._scan.groups[object_id]
         if group not in self._classified:
             windows = self._windows(group)
@@ -83,9 +83,9 @@ class FrameWindows:
         # Each chunk is cut and then classified while it is still in the processor's cache.
         classes = []
         for start in range(0, max(len(windows.sides), 1), CHUNK):
-            self._observer.enter("windows")
+            self._observer("windows")
             part = windows.at(slice(start, start + CHUNK))
             images = self._images.cut(part, metric_size)
-            self._observer.enter("network")
+            self._observer("network")
             classes.append(class_probabilities(self._scan.network, images))
         return np.concatenate(classes)

@@ -3,20 +3,17 @@
 What one pose explains supports no other.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 
-import numpy as np
-from jaxtyping import Float
-
+from hlp.arrays import Pose
 from hlp.method.find.attempts import Attempts, CoarsePoses, Unexplained
-from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import FrameContext
 from hlp.records import Hypotheses, Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.score_model import MIN_SCORE, SURE
 from hlp.refinement.verification import Observation
 
-Pose = Float[np.ndarray, "4 4"]
 Found = dict[int, RefinedHypotheses | None]
 """What stage 3 found, by object id; None where there was no hypothesis."""
 SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
@@ -24,7 +21,6 @@ SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
 
 
 def find_instances(
-    estimator: PoseEstimator,
     context: FrameContext,
     region: Region,
     hypotheses: Hypotheses,
@@ -42,14 +38,14 @@ def find_instances(
     one pose with that score, and of a half at least, is enough. A pose from the fallback has no
     coarse hypothesis: its source is -1.
     """
-    object_id = region.object_id
+    object_id, estimator = region.object_id, context.estimator
     first = estimator.refine(context, object_id, hypotheses, instances, unexplained, min_score)
     if not fallback:
         return first
-    attempts = Attempts(estimator, context, object_id, instances, unexplained, min_score)
+    attempts = Attempts(context, object_id, instances, unexplained, min_score)
     attempts.add(first)
     attempts.search_neighbours()
-    for enough, coarse_poses in _fallback_sources(estimator, context, region):
+    for enough, coarse_poses in _fallback_sources(context, region):
         # A low min_score asks for improbable poses too; it must not skip the fallback.
         right = attempts.poses(max(enough, min_score or 0))
         if len(right) >= instances or (right and min_score is not None and enough < SURE):
@@ -60,30 +56,26 @@ def find_instances(
     return attempts.merged()
 
 
-def _fallback_sources(
-    estimator: PoseEstimator, context: FrameContext, region: Region
-) -> Iterator[tuple[float, CoarsePoses]]:
+def _fallback_sources(context: FrameContext, region: Region) -> Iterator[tuple[float, CoarsePoses]]:
     """Further sources of coarse poses, given the missing instances and what is unexplained.
 
     With each, the score of a pose that makes it needless: votes may be fooled by what is flat, so
     templates are asked wherever they are not sure.
     """
+    estimator = context.estimator
     if estimator.has_templates(region.object_id):
         yield SURE, partial(estimator.match_templates, context, region.object_id)
     for places in estimator.likely_regions(context, region):
-        yield MIN_SCORE, partial(_votes_in, estimator, context, places)
+        yield MIN_SCORE, partial(_votes_in, context, places)
 
 
-def _votes_in(
-    estimator: PoseEstimator, context: FrameContext, places: Region, *_: object
-) -> Hypotheses:
-    found = estimator.find_hypotheses(context, places).hypotheses
+def _votes_in(context: FrameContext, places: Region, *_: object) -> Hypotheses:
+    found = context.estimator.find_hypotheses(context, places).hypotheses
     assert found is not None
     return found
 
 
 def resolve_conflicts(
-    estimator: PoseEstimator,
     context: FrameContext,
     found: Found,
     search_again: SearchAgain,
@@ -101,9 +93,10 @@ def resolve_conflicts(
     if sum(refined is not None for refined in found.values()) < 2:
         return found
     claims: dict[int, list[Pose]] = {}
-    rest, losers = Unexplained(estimator, context, unexplained), []
-    for object_id, pose in _best_first(estimator, context, found):
-        counts = min_score is None or estimator.score(context, object_id, pose) >= min_score
+    score = context.estimator.score
+    rest, losers = Unexplained(context, unexplained), []
+    for object_id, pose in _best_first(context, found):
+        counts = min_score is None or score(context, object_id, pose) >= min_score
         if object_id in losers or not counts:
             continue
         if rest.is_free(object_id, pose):
@@ -113,7 +106,7 @@ def resolve_conflicts(
             losers.append(object_id)
     resolved = dict(found)
     for object_id in losers:
-        rest = Unexplained(estimator, context, unexplained)
+        rest = Unexplained(context, unexplained)
         for other, poses in claims.items():
             for pose in poses if other != object_id else ():
                 rest.take(other, pose)
@@ -123,10 +116,9 @@ def resolve_conflicts(
     return resolved
 
 
-def _best_first(
-    estimator: PoseEstimator, context: FrameContext, found: Mapping[int, RefinedHypotheses | None]
-) -> list[tuple[int, Pose]]:
+def _best_first(context: FrameContext, found: Found) -> list[tuple[int, Pose]]:
     """Object and pose of every instance, that of lowest cost or highest score first."""
+    estimator = context.estimator
     by_score = any(estimator.has_templates(object_id) for object_id in found)
     instances = []
     for object_id, refined in found.items():

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float, Int
 
+from hlp.arrays import Features, Pixels
 from hlp.codebook.neighbours import is_joint
 from hlp.kernels import ThreadTeam
-from hlp.method.find.trace import NOBODY, Observer
+from hlp.method.find.trace import Observer, nobody
 from hlp.method.settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
@@ -67,7 +67,7 @@ def search_groups(
 
 def load_codebooks(
     learnt: LearntObjects, object_ids: Sequence[int]
-) -> tuple[list[Codebook], Float[np.ndarray, "m d"]]:
+) -> tuple[list[Codebook], Features]:
     """The codebooks of some objects, and the features of all, of which each codebook's are a part.
 
     No more than one codebook's features are held twice.
@@ -149,20 +149,20 @@ class FrameMatches:
     object first needs it. Several threads may ask for patches at once.
     """
 
-    def __init__(self, matching: PatchMatching, frame: Frame, observer: Observer = NOBODY) -> None:
+    def __init__(self, matching: PatchMatching, frame: Frame, observer: Observer = nobody) -> None:
         self._matching, self._frame, self._observer = matching, frame, observer
         self._known: dict[SearchGroup, _Known] = {}
         self._lock = threading.Lock()
 
-    def share(self, pixels: Mapping[int, Int[np.ndarray, "n 2"]]) -> None:
+    def share(self, pixels: Mapping[int, Pixels]) -> None:
         """Match the patches at the pixels (x, y) that objects need, by object; each patch once."""
-        needed: dict[SearchGroup, list[Int[np.ndarray, "n 2"]]] = {}
+        needed: dict[SearchGroup, list[Pixels]] = {}
         for object_id, own in pixels.items():
             needed.setdefault(self._matching.group(object_id), []).append(own)
         for group, parts in needed.items():
             self._looked_up_once(group, np.unique(np.concatenate(parts), axis=0))
 
-    def match(self, object_id: int, pixels: Int[np.ndarray, "n 2"]) -> tuple[LocalPatches, Matches]:
+    def match(self, object_id: int, pixels: Pixels) -> tuple[LocalPatches, Matches]:
         """The patches at those of the pixels (x, y) that have one, and their nearest entries."""
         group = self._matching.group(object_id)
         if not self._matching.joint:
@@ -170,12 +170,10 @@ class FrameMatches:
         patches, matches = self._looked_up_once(group, pixels)
         return patches, group.of_object(object_id, matches)
 
-    def _look_up(
-        self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
-    ) -> tuple[LocalPatches, Matches]:
+    def _look_up(self, group: SearchGroup, pixels: Pixels) -> tuple[LocalPatches, Matches]:
         frame, settings = self._frame, self._matching.settings.coarse
         encoder = self._matching.encoder()
-        self._observer.enter("cut")
+        self._observer("cut")
         cut = cut_local_patches(
             frame.rgb,
             frame.depth,
@@ -187,22 +185,12 @@ class FrameMatches:
             encoder.sees_color,
             settings.grid.min_plane_deviation,
         )
-        self._observer.enter("encode")
+        self._observer("encode")
         features = encoder.encode(cut)
-        self._observer.enter("search")
+        self._observer("search")
         return cut, group.search.search(features)
 
-    def _look_up_by_threads(
-        self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
-    ) -> list[tuple[LocalPatches, Matches]]:
-        """What `_look_up` finds, each thread with a part of the pixels."""
-        team = self._matching.team
-        parts = np.array_split(pixels, max(min(team.threads, len(pixels) // _PER_THREAD), 1))
-        return team.map(lambda number: self._look_up(group, parts[number]), len(parts))
-
-    def _looked_up_once(
-        self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
-    ) -> tuple[LocalPatches, Matches]:
+    def _looked_up_once(self, group: SearchGroup, pixels: Pixels) -> tuple[LocalPatches, Matches]:
         """What `_look_up` finds, where only new pixels are looked up."""
         x, y = pixels[:, 0], pixels[:, 1]
         with self._lock:
@@ -211,8 +199,10 @@ class FrameMatches:
             known = self._known[group]
             missing = known.rows[y, x] == _UNKNOWN
             if missing.any() or not known.found:
-                new = pixels[missing]
-                known.add(new, self._look_up_by_threads(group, new))
+                new, team = pixels[missing], self._matching.team
+                count = max(min(team.threads, len(new) // _PER_THREAD), 1)
+                parts = np.array_split(new, count)
+                known.add(new, team.map(lambda part: self._look_up(group, parts[part]), count))
             rows = known.rows[y, x]
             patches, matches = known.found[0]
         rows = rows[rows != _NO_PATCH]
@@ -229,9 +219,7 @@ class _Known:
         self.rows = np.full(shape, _UNKNOWN)
         self.found: list[tuple[LocalPatches, Matches]] = []
 
-    def add(
-        self, pixels: Int[np.ndarray, "n 2"], found: Sequence[tuple[LocalPatches, Matches]]
-    ) -> None:
+    def add(self, pixels: Pixels, found: Sequence[tuple[LocalPatches, Matches]]) -> None:
         """Add the patches that were cut at these pixels; not every pixel has one."""
         self.rows[pixels[:, 1], pixels[:, 0]] = _NO_PATCH
         row = sum(len(patches) for patches, _ in self.found)

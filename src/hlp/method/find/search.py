@@ -1,13 +1,13 @@
 """The search for objects in one frame, stage by stage: everything that finds objects uses it."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hlp.kernels import ThreadTeam
-from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import FrameContext
 from hlp.method.find.instances import find_instances, resolve_conflicts
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
 from hlp.records import Region
@@ -21,7 +21,6 @@ _CALLER = ThreadTeam(1)
 
 
 def search_frame(
-    estimator: PoseEstimator,
     context: FrameContext,
     counts: Mapping[int, int],
     *,
@@ -46,9 +45,9 @@ def search_frame(
     `begun` (`time.perf_counter`), and what objects share, counts for the first one.
     """
     begun = time.perf_counter() if begun is None else begun
-    search = _FrameSearch(estimator, context, counts, min_score, unexplained, fallback, by_threads)
+    search = _FrameSearch(context, counts, min_score, unexplained, fallback, by_threads)
     if by_threads:
-        estimator.share_work(context, counts)
+        context.estimator.share_work(context, counts)
     traces = search.find_regions(given or {}, time.perf_counter() - begun)
     if stop_after == "regions":
         return traces
@@ -60,7 +59,6 @@ def search_frame(
 class _FrameSearch:
     """A search in one frame: what `search_frame` was given."""
 
-    estimator: PoseEstimator
     context: FrameContext
     counts: Mapping[int, int]
     min_score: float | None
@@ -68,84 +66,86 @@ class _FrameSearch:
     fallback: bool
     by_threads: bool
 
-    @property
-    def team(self) -> ThreadTeam:
-        return self.estimator.team if self.by_threads else _CALLER
+    def _each(
+        self, object_ids: Sequence[int], work: Callable[[int], ObjectTrace]
+    ) -> dict[int, ObjectTrace]:
+        """What is done with each object, by the threads."""
+        team = self.context.estimator.team if self.by_threads else _CALLER
+        done = team.map(lambda place: work(object_ids[place]), len(object_ids))
+        return dict(zip(object_ids, done, strict=True))
 
     def find_regions(self, given: Trace, shared: float) -> dict[int, ObjectTrace]:
         """Stage 1 (paper, section 3.1). `shared` seconds were spent for all objects before."""
-        ids = list(self.counts)
 
-        def find(number: int) -> ObjectTrace:
-            begun, object_id = time.perf_counter(), ids[number]
+        def find(object_id: int) -> ObjectTrace:
+            begun = time.perf_counter()
             if object_id in given:
                 return given[object_id]
             # Where their number is known, instances that one look has missed are looked for anew.
             instances = 1 if self.min_score is None else self.counts[object_id]
-            region = self.estimator.find_region(self.context, object_id, instances)
+            region = self.context.estimator.find_region(self.context, object_id, instances)
             return ObjectTrace(region, seconds={"holistic": time.perf_counter() - begun})
 
-        traces = dict(zip(ids, self.team.map(find, len(ids)), strict=True))
-        return _with_more_for_first(traces, shared)
+        return _with_more_for_first(self._each([*self.counts], find), shared)
 
     def find_poses(self, traces: dict[int, ObjectTrace], last: Stage) -> dict[int, ObjectTrace]:
         """Stages 2 and 3 of each object, as if it were alone; stage 2 alone if that is the last."""
-        ids = order = list(traces)
+        order = list(traces)
         if self.by_threads:
             begun = time.perf_counter()
-            self.estimator.share_patches(self.context, map(_region, traces.values()))
+            self.context.estimator.share_patches(self.context, map(_region, traces.values()))
             traces = _with_more_for_first(traces, time.perf_counter() - begun)
             # Objects that the classifier is least sure of take longest: no thread then waits long
             # for the others at the end of the frame.
-            order = sorted(ids, key=lambda object_id: _evidence(_region(traces[object_id])))
+            order = sorted(order, key=lambda object_id: _evidence(_region(traces[object_id])))
 
-        def find(place: int) -> ObjectTrace:
-            trace = traces[order[place]]
+        def find(object_id: int) -> ObjectTrace:
+            trace = traces[object_id]
             if trace.hypotheses is None:  # stage 2 (section 3.2)
-                found = self.estimator.find_hypotheses(self.context, _region(trace))
+                found = self.context.estimator.find_hypotheses(self.context, _region(trace))
                 trace = replace(found, seconds={**trace.seconds, **found.seconds})
             if last == "hypotheses":
                 return trace
             begun = time.perf_counter()
-            refined = self._find_instances(order[place], trace, self.unexplained)
+            refined = self._find_instances(object_id, trace, self.unexplained)
             spent = {**trace.seconds, "refinement": time.perf_counter() - begun}
             return replace(trace, refined=refined, seconds=spent)
 
-        found = dict(zip(order, self.team.map(find, len(ids)), strict=True))
-        return {object_id: found[object_id] for object_id in ids}
+        found = self._each(order, find)
+        return {object_id: found[object_id] for object_id in traces}
 
     def _find_instances(
         self, object_id: int, trace: ObjectTrace, unexplained: Observation | None
     ) -> RefinedHypotheses | None:
         """Stage 3 (section 3.3): fine poses, and which of them are instances."""
         assert trace.hypotheses is not None
-        of = self.estimator, self.context, _region(trace), trace.hypotheses
-        count = self.counts[object_id]
-        return find_instances(*of, count, unexplained, self.min_score, fallback=self.fallback)
+        of = self.context, _region(trace), trace.hypotheses, self.counts[object_id]
+        return find_instances(*of, unexplained, self.min_score, fallback=self.fallback)
 
     def settle(self, traces: dict[int, ObjectTrace]) -> dict[int, ObjectTrace]:
         """Objects compete for pixels; then the fit of each instance that is left is measured."""
-        begun, ids = time.perf_counter(), list(traces)
+        begun = time.perf_counter()
         found = resolve_conflicts(
-            self.estimator,
             self.context,
             {object_id: trace.refined for object_id, trace in traces.items()},
             lambda object_id, left: self._find_instances(object_id, traces[object_id], left),
             self.min_score,
             self.unexplained,
         )
-        share = (time.perf_counter() - begun) / max(len(ids), 1)
+        share = (time.perf_counter() - begun) / max(len(traces), 1)
 
-        def measure(number: int) -> ObjectTrace:
-            begun, object_id = time.perf_counter(), ids[number]
+        def measure(object_id: int) -> ObjectTrace:
+            begun = time.perf_counter()
             refined, spent = found[object_id], traces[object_id].seconds
             poses = () if refined is None else refined.chosen_poses
-            fits = (self.estimator.measure_fit(self.context, object_id, pose) for pose in poses)
+            fits = (
+                self.context.estimator.measure_fit(self.context, object_id, pose) for pose in poses
+            )
             measured = replace(traces[object_id], refined=refined, fits=tuple(fits))
             more = spent["refinement"] + share + time.perf_counter() - begun
             return replace(measured, seconds={**spent, "refinement": more})
 
-        return dict(zip(ids, self.team.map(measure, len(ids)), strict=True))
+        return self._each([*traces], measure)
 
 
 def _region(trace: ObjectTrace) -> Region:

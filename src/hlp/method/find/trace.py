@@ -1,8 +1,8 @@
 """What a search over a frame found on its way, for each object; who is told how far it is."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 from hlp.records import Hypotheses, LocalPatches, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses
@@ -38,22 +38,13 @@ Trace = Mapping[int, ObjectTrace]
 """The search for each object in one frame, by the object's id."""
 
 
-class Observer(Protocol):
-    """Is told of each part of a search as it begins, for example to measure its time."""
+Observer = Callable[[str], None]
+"""Is told of each part of a search as it begins, for example to measure its time.
 
-    def enter(self, part: str) -> None:
-        """A part begins, and lasts until the next one does.
-
-        One of windows, network, region (stage 1), cut, encode, search, vote, modes (stage 2),
-        screen, refine, verify and second_search (stage 3).
-        """
+The parts are windows, network, region (stage 1), cut, encode, search, vote, modes (stage 2),
+templates, screen, refine, verify and second_search (stage 3).
+"""
 
 
-class NobodyWatches:
+def nobody(part: str) -> None:
     """An observer that does nothing."""
-
-    def enter(self, part: str) -> None:
-        """See `Observer.enter`."""
-
-
-NOBODY = NobodyWatches()

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from hlp.arrays import Vector
+from hlp.arrays import Pose, Vector
 from hlp.geometry import rigid, transform
 from hlp.objects.shapes import box_walls
 from hlp.records import Mesh, ObjectModel
@@ -18,7 +18,6 @@ _THICK = 0.02  # m
 _COPIES = (1, 6)
 _FACING = 0.3  # cosine between a plane's normal and the line of sight, at least
 
-Pose = Float[np.ndarray, "4 4"]
 Plane = tuple[Vector, float]
 """Normal n, which faces the camera, and offset d: the points with n·x = d (m)."""
 

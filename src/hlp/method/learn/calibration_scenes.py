@@ -13,11 +13,10 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hlp.arrays import CameraMatrix, Image, Mask, Rgb
+from hlp.arrays import CameraMatrix, Image, Mask, Pose, Rgb
 from hlp.geometry import back_project, rigid, transform
 from hlp.method.learn.calibration_bins import (
     Plane,
-    Pose,
     bin_walls,
     center_of,
     copies,

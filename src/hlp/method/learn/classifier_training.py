@@ -11,7 +11,7 @@ import torch
 from hlp.method.learn.model_files import CLASSIFIER, StartingWeights
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.settings import ClassifierStage
-from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
+from hlp.models.network_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network
 from hlp.objects.distractors import distractor_scenes
 from hlp.patches.backgrounds import Backgrounds

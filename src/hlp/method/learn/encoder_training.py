@@ -4,7 +4,6 @@ import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import pytorch_lightning as pl
@@ -13,7 +12,8 @@ import torch
 from hlp.arrays import DepthPatches, MaskPatches
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.settings import EncoderStage
-from hlp.models.encoder import STEM, EncoderModule
+from hlp.models.encoder import STEM
+from hlp.models.network_training import OneCycleModule
 from hlp.models.onnx_export import export_network
 from hlp.patches.backgrounds import Backgrounds
 from hlp.patches.local_data import PairDataModule, PatchDataModule
@@ -69,12 +69,10 @@ class _Training:
         patches = join(bake_frame_patches(frames, sizes, per_frame, local, rng))
         return PatchDataModule(patches, batch_size, self.settings.seed, varied_light)
 
-    def fit(self, module: EncoderModule, data: pl.LightningDataModule, epochs: int) -> None:
-        network = module.network
-        trained = cast(pl.LightningModule, module)
-        fit(trained, data, network, epochs, self.settings.trainer, self.folder)
+    def fit(self, module: OneCycleModule, data: pl.LightningDataModule, epochs: int) -> None:
+        fit(module, data, module.network, epochs, self.settings.trainer, self.folder)
         sample = calibration_images(data, module.images)
-        export_network(network.layers, sample, self.folder / STEM, levels=False)
+        export_network(module.network.layers, sample, self.folder / STEM, levels=False)
 
     def _pairs(self, with_color: bool) -> PairPool:
         settings, pools = self.settings, []

@@ -3,8 +3,9 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -65,8 +66,8 @@ def learn(
     record = LearntRecord(names, tuple(models), settings)
     if settings.encoder.needs_frames:
         backgrounds.load_encoder_frames()  # raises before anything is trained
-    with folder_in_the_making(folder, learning_request(models, settings, backgrounds)) as partial:
-        making = _Making(partial, record, models, backgrounds)
+    with folder_in_the_making(folder, learning_request(models, settings, backgrounds)) as place:
+        making = _Making(place, record, models, backgrounds)
         making.train_classifier()
         making.train_encoder()
         making.add_objects(models)
@@ -97,11 +98,11 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     start = StartingWeights(read_weights(folder / CLASSIFIER), labels, _ADDED_EPOCHS)
     record = LearntRecord({**old.objects, **names}, tuple(new_label), settings)
     request = learning_request(known, settings, backgrounds)
-    with folder_in_the_making(folder, request, replaces=True) as partial:
-        making = _Making(partial, record, known, backgrounds)
+    with folder_in_the_making(folder, request, replaces=True) as place:
+        making = _Making(place, record, known, backgrounds)
         making.train_classifier(start)
         for kept in (ENCODER, *(f"{OBJECTS}/{name}" for name in old.objects)):
-            shutil.copytree(folder / kept, partial / kept, dirs_exist_ok=True)
+            shutil.copytree(folder / kept, place / kept, dirs_exist_ok=True)
         making.add_objects(models)
 
 
@@ -141,39 +142,44 @@ class _Making:
     def views(self, object_id: int) -> Views:
         """Rendered once, then read from disk, so that few are held at a time."""
         settings, folder = self.record.settings, self.folder / VIEWS / str(object_id)
-        with once(folder) as missing:
-            if missing:
-                threads = settings.machine.threads
-                model = self.models[object_id]
-                views = render_views(model, settings.rendering, settings.seed, threads=threads)
-                save_views(folder, views)
+
+        def make(folder: Path) -> None:
+            model, threads = self.models[object_id], settings.machine.threads
+            views = render_views(model, settings.rendering, settings.seed, threads=threads)
+            save_views(folder, views)
+
+        once(folder, make)
         return load_views(folder, object_id)
 
     def train_classifier(self, start: StartingWeights | None = None) -> None:
         set_compute_threads(self.record.settings.machine.threads)
-        folder, stage = self.folder / CLASSIFIER, ClassifierStage.of(self.record.settings)
-        with once(folder) as missing:
-            if missing:
-                train_classifier(self.models, self.views, self.backgrounds, stage, folder, start)
+        of = self.models, self.views, self.backgrounds, ClassifierStage.of(self.record.settings)
+        once(self.folder / CLASSIFIER, lambda folder: train_classifier(*of, folder, start))
 
     def train_encoder(self) -> None:
-        folder, stage = self.folder / ENCODER, EncoderStage.of(self.record.settings)
-        with once(folder) as missing:
-            if missing:
-                train_encoder(self.models, self.views, self.backgrounds, stage, folder)
+        of = self.models, self.views, self.backgrounds, EncoderStage.of(self.record.settings)
+        once(self.folder / ENCODER, lambda folder: train_encoder(*of, folder))
 
     def add_objects(self, models: Mapping[int, ObjectModel]) -> None:
         """Models, codebooks and scores of some objects; then the folder is complete."""
         for model in models.values():
-            with once(self.folder / OBJECTS / model.name) as missing:
-                if missing:
-                    self._write_object(model)
+            once(self.folder / OBJECTS / model.name, partial(self._write_object, model))
         write_searches(self.folder, self.record)
-        self._calibrate_scores(models.values())
+        settings = self.record.settings
+        learnt = LearntFolder(self.folder, record=self.record)
+        estimator = PoseEstimator(learnt, FindSettings.of(settings), tuple(models))
+        frames = self.backgrounds.load_background_frames()
+
+        def calibrate(object_id: int, folder: Path) -> None:
+            of = frames, settings.score.scenes, settings.rendering
+            save_score_model(folder, calibrate_score(estimator, object_id, *of))
+
+        for object_id, model in models.items():
+            once(self.folder / OBJECTS / model.name, partial(calibrate, object_id), SCORED)
         finish(self.folder, self.record)
 
-    def _write_object(self, model: ObjectModel) -> None:
-        settings, folder = self.record.settings, self.folder / OBJECTS / model.name
+    def _write_object(self, model: ObjectModel, folder: Path) -> None:
+        settings = self.record.settings
         machine, stage = settings.machine, CodebookStage.of(settings)
         encoder = settings.encoder.load(self.folder / ENCODER, machine.threads, machine.device)
         write_model(folder, model)
@@ -181,19 +187,6 @@ class _Making:
         save_codebook(folder, codebook)
         if not is_joint(settings.codebook):
             settings.codebook.prepare(codebook.features, settings.seed, folder)
-
-    def _calibrate_scores(self, models: Iterable[ObjectModel]) -> None:
-        settings, ids = self.record.settings, tuple(model.object_id for model in models)
-        frames = self.backgrounds.load_background_frames()
-        learnt = LearntFolder(self.folder, record=self.record)
-        estimator = PoseEstimator(learnt, FindSettings.of(settings), ids)
-        for object_id in ids:
-            folder = self.folder / OBJECTS / self.models[object_id].name
-            with once(folder, SCORED) as missing:
-                if missing:
-                    scenes, rendering = settings.score.scenes, settings.rendering
-                    score = calibrate_score(estimator, object_id, frames, scenes, rendering)
-                    save_score_model(folder, score)
 
 
 def learning_request(

@@ -14,11 +14,11 @@ not made for hostile files, so load folders from people you trust.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from annotated_types import Ge
 
@@ -42,7 +42,7 @@ from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel
 from hlp.refinement.score_model import ScoreModel, load_score_model
-from hlp.settings import Stored, read_settings, stored_as
+from hlp.settings import Stored, stored_as
 
 FORMAT = 8
 RECORD = "learnt.json"
@@ -53,7 +53,7 @@ _AGAIN = "learn the objects again, or copy the folder anew"
 
 
 @dataclass(frozen=True)
-class LearntRecord:
+class LearntRecord(Stored):
     """The content of `learnt.json`.
 
     `classes` are the ids of the objects that the classifier was trained on: class i + 1 is
@@ -62,10 +62,10 @@ class LearntRecord:
     `files` are the checksums of all files by path; a folder that is being made has none yet.
     """
 
-    objects: Mapping[str, int]
-    classes: tuple[int, ...]
+    objects: dict[str, Annotated[int, Ge(0)]]
+    classes: tuple[Annotated[int, Ge(0)], ...]
     settings: MethodSettings
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
 
     @property
     def next_id(self) -> int:
@@ -73,32 +73,15 @@ class LearntRecord:
         return max(self.classes, default=0) + 1
 
 
-@dataclass(frozen=True)
-class _Learnt(Stored):
-    """What `learnt.json` must say."""
-
-    objects: dict[str, Annotated[int, Ge(0)]]
-    classes: tuple[Annotated[int, Ge(0)], ...]
-    settings: dict[str, Any]
-    files: dict[str, str]
-
-
 def write_record(folder: Path, record: LearntRecord) -> None:
     """Write `learnt.json`. It is written last: a folder with one is complete."""
-    content = {
-        "format": FORMAT,
-        "objects": dict(record.objects),
-        "classes": list(record.classes),
-        "settings": asdict(record.settings),
-        "files": dict(record.files),
-    }
-    write_json(folder / RECORD, sealed(content))
+    write_json(folder / RECORD, sealed({"format": FORMAT, **asdict(record)}))
 
 
 def read_record(folder: Path) -> LearntRecord:
     """Read `learnt.json`; whatever is opened in the folder after that lies in it.
 
-    Raises MissingFileError and DataError that name what is wrong.
+    Raises MissingFileError, DamagedError, and DataError for what another version wrote.
     """
     path = folder / RECORD
     if not path.is_file():
@@ -108,30 +91,26 @@ def read_record(folder: Path) -> LearntRecord:
         content = read_json(path)
     except DataError as error:
         raise DamagedError(f"{error}: {_AGAIN}") from error
-    known = isinstance(content, dict) and content.get("format") == FORMAT
-    if isinstance(content, dict) and (known or is_sealed(content)) and not seal_is_whole(content):
+    fields = content if isinstance(content, dict) else {}
+    known = fields.get("format") == FORMAT
+    if (known or is_sealed(fields)) and not seal_is_whole(fields):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
     if not known:
-        given = content.get("format") if isinstance(content, dict) else content
         raise DataError(
-            f"{path}: format is {str(given)[:60]}, this version of HLP reads {FORMAT}: learn the "
-            "objects again, or install the version that wrote it"
+            f"{path}: format is {str(fields.get('format'))[:60]}, this version of HLP reads "
+            f"{FORMAT}: learn the objects again, or install the version that wrote it"
         )
     try:
-        learnt = stored_as(_Learnt, content, str(path))
-    except DataError as error:
-        raise DamagedError(f"{error}: {_AGAIN}") from error
-    for name in learnt.objects:
+        record = stored_as(LearntRecord, fields, str(path))
+    except ConfigError as error:  # a plug-in that is not installed here
+        raise DataError(f"{path}: {error}") from error
+    for name in record.objects:
         if not NAME.fullmatch(name):
             raise DataError(f"{path}: {name!r} cannot name an object")
-    ids, classes = [*learnt.objects.values()], learnt.classes
+    ids, classes = [*record.objects.values()], record.classes
     if len({*ids}) < len(ids) or len({*classes}) < len(classes) or not {*ids} <= {*classes}:
-        raise DamagedError(f"{path}: ids {ids}, classes {[*classes]}: each has one: {_AGAIN}")
-    try:
-        settings = read_settings(MethodSettings, learnt.settings)
-    except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
-        raise DataError(f"{path}: settings: {error}") from error
-    return LearntRecord(learnt.objects, learnt.classes, settings, learnt.files)
+        raise DataError(f"{path}: ids {ids}, classes {[*classes]}: each has one: {_AGAIN}")
+    return record
 
 
 def check_files(folder: Path, record: LearntRecord, part: str = "") -> None:

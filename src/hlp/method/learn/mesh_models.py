@@ -108,43 +108,38 @@ def hard_parts(model: ObjectModel, farthest_mm: float) -> list[str]:
 
     It says why, and what would help.
     """
-    return [
-        sentence
-        for sentence in (
-            _flat(model, farthest_mm),
-            _small(model, farthest_mm),
-            _thin(model, farthest_mm),
-            _round(model),
-        )
-        if sentence
-    ]
-
-
-def _flat(model: ObjectModel, farthest_mm: float) -> str:
+    hard = []
     thickness = _thickness(model.proxy.vertices) * MILLIMETRES_PER_METRE
     error = depth_error(farthest_mm * MILLIMETRE) * MILLIMETRES_PER_METRE
-    if thickness >= _LEAST_THICKNESS * error:
-        return ""
-    nearer = farthest_mm * np.sqrt(thickness / (_LEAST_THICKNESS * error))
-    return (
-        f"it is {thickness:.0f} mm thick, and depth is off by {error:.1f} mm at {farthest_mm:.0f} "
-        f"mm: on a plane it hardly stands out. A camera within {nearer:.0f} mm helps, or one with "
-        "more exact depth"
-    )
-
-
-def _small(model: ObjectModel, farthest_mm: float) -> str:
+    if thickness < _LEAST_THICKNESS * error:
+        nearer = farthest_mm * np.sqrt(thickness / (_LEAST_THICKNESS * error))
+        hard.append(
+            f"it is {thickness:.0f} mm thick, and depth is off by {error:.1f} mm at "
+            f"{farthest_mm:.0f} mm: on a plane it hardly stands out. A camera within "
+            f"{nearer:.0f} mm helps, or one with more exact depth"
+        )
     size = _FOCAL * model.diameter / (farthest_mm * MILLIMETRE)
-    if size >= _LEAST_PX:
-        return ""
-    return (
-        f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than {_LEAST_PX:.0f} "
-        f"px are missed more often. A camera within {farthest_mm * size / _LEAST_PX:.0f} mm or one "
-        "with more pixels for the same view helps"
-    )
+    if size < _LEAST_PX:
+        hard.append(
+            f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than "
+            f"{_LEAST_PX:.0f} px are missed more often. A camera within "
+            f"{farthest_mm * size / _LEAST_PX:.0f} mm or one with more pixels for the same view "
+            "helps"
+        )
+    if _is_thin(model, farthest_mm):
+        hard.append(
+            f"most of it is less than {_WIDE} px wide at {farthest_mm:.0f} mm: cameras lose depth "
+            "at edges, and little else is left. A nearer camera helps"
+        )
+    if _is_round(model):
+        hard.append(
+            "it is like a ball: hardly any turn changes what a camera sees, so only its place can "
+            "be right. Colours in the mesh help, if the real object has them"
+        )
+    return hard
 
 
-def _thin(model: ObjectModel, farthest_mm: float) -> str:
+def _is_thin(model: ObjectModel, farthest_mm: float) -> bool:
     """Whether most of its silhouettes vanish when they are made narrower."""
     distance = max(farthest_mm * MILLIMETRE, model.diameter)
     rotations = view_rotations(thomson(_VIEWS, 0), np.zeros(1))
@@ -154,24 +149,14 @@ def _thin(model: ObjectModel, farthest_mm: float) -> str:
     seen = (render_depth(model.mesh, poses, camera, (side, side)) > 0.0).astype(np.uint8)
     window = np.ones((_WIDE, _WIDE), np.uint8)
     wide = [np.count_nonzero(cv2.morphologyEx(view, cv2.MORPH_OPEN, window)) for view in seen]
-    if sum(wide) >= np.count_nonzero(seen) / 2:
-        return ""
-    return (
-        f"most of it is less than {_WIDE} px wide at {farthest_mm:.0f} mm: cameras lose depth at "
-        "edges, and little else is left. A nearer camera helps"
-    )
+    return bool(sum(wide) < np.count_nonzero(seen) / 2)
 
 
-def _round(model: ObjectModel) -> str:
+def _is_round(model: ObjectModel) -> bool:
     """Whether all of its surface is equally far from its middle; colours would tell turns apart."""
     points = sample_surface(model.mesh, _POINTS).points
     small, large = np.quantile(np.linalg.norm(points - model.centroid, axis=1), (0.05, 0.95))
-    if model.mesh.colored or small < _ROUND * large:
-        return ""
-    return (
-        "it is like a ball: hardly any turn changes what a camera sees, so only its place can be "
-        "right. Colours in the mesh help, if the real object has them"
-    )
+    return bool(not model.mesh.colored and small >= _ROUND * large)
 
 
 def _thickness(vertices: np.ndarray) -> float:

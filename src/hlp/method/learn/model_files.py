@@ -1,6 +1,5 @@
 """What is learnt of an object and of all as files: models, networks' weights, histories."""
 
-import csv
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from annotated_types import Ge, Gt
 from jaxtyping import Float
 
 from hlp.errors import DataError
-from hlp.files import read_json, read_npz, write_json
+from hlp.files import read_csv, read_json, read_npz, write_json
 from hlp.method.settings import MachineSettings
 from hlp.models.network import Network, load_network
 from hlp.records import ColorGrid, Mesh, ObjectModel, Texture
@@ -68,22 +67,24 @@ def write_model(folder: Path, model: ObjectModel) -> None:
 def read_model(folder: Path) -> ObjectModel:
     """Read what `write_model` wrote. Raises MissingFileError, DataError naming a damaged file."""
     stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
-    stored = read_npz(folder / _MODEL)
+    stored: dict[str, Any] = read_npz(folder / _MODEL)
     try:
-        meshes = []
-        for part in ("mesh", "proxy"):
-            vertices, faces, colors, normals = (stored[f"{part}_{f}"] for f in _MESH_FIELDS)
-            meshes.append(Mesh(vertices, faces, colors, normals, colored=stated.colored))
-        mesh, proxy = meshes
+        mesh, proxy = (
+            Mesh(
+                **{name: stored[f"{part}_{name}"] for name in _MESH_FIELDS}, colored=stated.colored
+            )
+            for part in ("mesh", "proxy")
+        )
         if "mesh_uv" in stored:
             mesh = replace(mesh, texture=_read_texture(folder / _TEXTURE, stored["mesh_uv"]))
-        if (folder / _COLORS).is_file():  # no grey object has it, nor one that was learnt long ago
+        if (folder / _COLORS).is_file():  # no grey object has it
             cells = read_npz(folder / _COLORS)
             grid = ColorGrid(cells["colors"], cells["corner"], float(cells["cell"]))
             mesh = replace(mesh, color_grid=grid)
-        sizes = stated.holistic_size, stated.local_size
-        rest = stored["symmetries"], *sizes, stored["near_symmetries"]
-        return ObjectModel(stated.id, stated.name, mesh, proxy, stated.diameter, *rest)
+        return ObjectModel(
+            stated.id, stated.name, mesh, proxy, stated.diameter, stored["symmetries"],
+            stated.holistic_size, stated.local_size, stored["near_symmetries"],
+        )  # fmt: skip
     except DataError:  # it names the file
         raise
     except (KeyError, TypeError, ValueError) as error:
@@ -126,12 +127,8 @@ def read_history(folder: Path) -> list[dict[str, float]]:
     path = folder / HISTORY
     if not path.exists():
         return []
-    rows: list[dict[str, float]] = []
+    rows = read_csv(path, ["epoch"], more=True)
     try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            for row in csv.DictReader(stream):
-                rows.append({name: float(value) for name, value in row.items()})
-    except (ValueError, TypeError, csv.Error) as error:
-        where = f"{path}, line {len(rows) + 2}"
-        raise DataError(f"{where}: no metrics of an epoch ({error})") from error
-    return rows
+        return [{name: float(value) for name, value in row.items()} for row in rows]
+    except (ValueError, TypeError) as error:
+        raise DataError(f"{path}: no metrics of an epoch ({error})") from error

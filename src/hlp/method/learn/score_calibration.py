@@ -47,8 +47,6 @@ def calibrate_score(
     found = list(search_scenes(estimator, object_id, backgrounds, scenes, rendering))
     colored = estimator.learnt.models[object_id].mesh.colored
     prior, spread = prior_of(colored), SPREAD if colored else COLORLESS_SPREAD
-    if not found:
-        return prior
     right = np.array([is_right for _, is_right in found], dtype=bool)
     return fit_score_model([fit for fit, _ in found], right, prior, spread)
 
@@ -89,7 +87,7 @@ def _searches(estimator: PoseEstimator, frame: Frame, object_id: int) -> Iterato
     """What votes find, and what templates find: both give answers later."""
     context, counts = estimator.prepare(frame), {object_id: _INSTANCES}
     # The fallback would need the score that is about to be calibrated.
-    search = partial(search_frame, estimator, context, counts, fallback=False, by_threads=False)
+    search = partial(search_frame, context, counts, fallback=False, by_threads=False)
     found = search()[object_id]
     yield found
     if estimator.has_templates(object_id):

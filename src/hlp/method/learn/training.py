@@ -195,12 +195,9 @@ class CheckpointFiles(CheckpointIO):
         if content_checksum(content).encode() != checksum:
             raise DataError(f"{path} is damaged")
         try:
-            loaded = torch.load(io.BytesIO(content), map_location=map_location, weights_only=True)
-        except (pickle.UnpicklingError, RuntimeError, EOFError) as error:
+            return dict(torch.load(io.BytesIO(content), map_location, weights_only=True))
+        except (pickle.UnpicklingError, RuntimeError, EOFError, TypeError, ValueError) as error:
             raise DataError(f"{path} is not a checkpoint of HLP") from error
-        if not isinstance(loaded, dict):
-            raise DataError(f"{path} is not a checkpoint of HLP")
-        return loaded
 
     def remove_checkpoint(self, path: str | Path) -> None:
         """Remove a checkpoint, if it is there."""

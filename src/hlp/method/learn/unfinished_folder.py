@@ -1,12 +1,9 @@
 """A folder of learnt objects in the making: continued after an interruption, published whole."""
 
-import glob
-import itertools
 import logging
 import os
 import shutil
-import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -69,24 +66,24 @@ def restore_replaced(folder: Path) -> None:
     """
     if (folder / RECORD).is_file() and (folder / _REQUEST).is_file():
         _remove_markers(folder)
-    latest = left_behind(folder)
-    if latest is None:
+    if left_behind(folder) is None:
         return
     with _locked(folder):
         if not folder.exists():
-            latest.rename(folder)
-            latest.parent.rmdir()
+            _hidden(folder).rename(folder)
             _logger.warning("%s is restored: a process was killed while replacing it", folder)
+
+
+def _hidden(folder: Path) -> Path:
+    """Where a folder lies while another one takes its place."""
+    return folder.with_name(f".{folder.name}.replaced")
 
 
 def left_behind(folder: Path) -> Path | None:
     """What a killed process has renamed a folder to, if it was replacing it."""
-    partial = folder.with_name(folder.name + ".partial")
-    if folder.exists() or not (partial / _REQUEST).is_file():
-        return None
-    hidden = folder.parent.glob(f".{glob.escape(folder.name)}.*/{glob.escape(folder.name)}")
-    left = [path for path in hidden if (path / RECORD).is_file()]
-    return max(left, key=lambda path: (path / RECORD).stat().st_mtime, default=None)
+    hidden, request = _hidden(folder), folder.with_name(folder.name + ".partial") / _REQUEST
+    killed = not folder.exists() and request.is_file() and (hidden / RECORD).is_file()
+    return hidden if killed else None
 
 
 def _set_aside_damaged(folder: Path) -> bool:
@@ -96,8 +93,8 @@ def _set_aside_damaged(folder: Path) -> bool:
     try:
         check_files(folder, read_record(folder))
     except (DamagedError, MissingFileError) as error:
-        names = itertools.chain([".damaged"], (f".damaged-{n}" for n in itertools.count(2)))
-        asides = (folder.with_name(folder.name + ending) for ending in names)
+        endings = ("", *(f"-{number}" for number in range(2, 1000)))
+        asides = (folder.with_name(f"{folder.name}.damaged{ending}") for ending in endings)
         aside = next(path for path in asides if not path.exists())
         folder.rename(aside)
         _logger.warning("%s: kept as %s", error, aside.name)
@@ -119,14 +116,12 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def _publish(partial: Path, folder: Path, replaces: bool) -> None:
     """Put a finished folder in its place; then remove what only an interrupted call would need."""
-    old = None
     if replaces:
-        # A name that nothing has: not what an interrupted call left, nor a copy of the user's.
-        old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        folder.rename(old / folder.name)
+        shutil.rmtree(_hidden(folder), ignore_errors=True)  # half removed by a killed call
+        folder.rename(_hidden(folder))
     partial.rename(folder)
-    if old is not None:
-        shutil.rmtree(old, ignore_errors=True)
+    if replaces:
+        shutil.rmtree(_hidden(folder), ignore_errors=True)
     _remove_markers(folder)
 
 
@@ -145,19 +140,16 @@ def finish(partial: Path, record: LearntRecord) -> None:
     write_record(partial, replace(record, files=folder_checksums(partial, leaving_out=(RECORD,))))
 
 
-@contextmanager
-def once(folder: Path, marker: str = _DONE) -> Iterator[bool]:
-    """Whether a folder's content must still be made. The end of the block marks it as made.
+def once(folder: Path, make: Callable[[Path], None], marker: str = _DONE) -> None:
+    """Make a folder's content, unless it was made before.
 
     The marker holds the checksums of the files: if one is damaged, the content is made again.
     """
     made = _read_json_or_none(folder / marker)
-    if seal_is_whole(made) and not any(find_damaged(folder, made["files"])):
-        yield False
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    yield True
-    write_json(folder / marker, sealed({"files": folder_checksums(folder)}))
+    if not seal_is_whole(made) or any(find_damaged(folder, made["files"])):
+        folder.mkdir(parents=True, exist_ok=True)
+        make(folder)
+        write_json(folder / marker, sealed({"files": folder_checksums(folder)}))
 
 
 def _read_json_or_none(path: Path) -> Any:

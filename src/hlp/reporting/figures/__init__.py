@@ -68,17 +68,6 @@ def with_legend(picture: Rgb, entries: Sequence[tuple[str, Color]]) -> Rgb:
     return np.vstack([picture, bar])
 
 
-def with_scale(picture: Rgb, color_map: int, high: str) -> Rgb:
-    """The picture above a bar with a colour map's colours, from 0 to `high`."""
-    bar = np.full((LEGEND_HEIGHT, picture.shape[1], 3), _DARK, dtype=np.uint8)
-    left, length = write_words(bar, "0", (_PAD, 14)) + 8, picture.shape[1] // 4
-    ramp = np.linspace(0, 255, length).astype(np.uint8)[None]
-    colors = cv2.cvtColor(cv2.applyColorMap(ramp, color_map), cv2.COLOR_BGR2RGB)
-    bar[5:15, left : left + length] = colors
-    write_words(bar, high, (left + length + 8, 14))
-    return np.vstack([picture, bar])
-
-
 def size_of(words: str, scale: float = _SMALL) -> tuple[int, int]:
     """Width and height of written words (px)."""
     width, height = cv2.getTextSize(words, _FONT, scale, 1)[0]

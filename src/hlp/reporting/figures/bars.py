@@ -4,13 +4,14 @@ All that is compared row by row is drawn so: the runs of a sweep, studies, the p
 tables beside ours, the parts of a benchmark, the causes of misses.
 """
 
-import math
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from hlp.reporting.bench_tables import TIMED, TOTAL, format_ms
+import numpy as np
+
+from hlp.reporting.study_tables import TIMED, TOTAL, format_ms
 from hlp.reporting.summary_tables import METRIC_LABELS, paper_recalls, run_cells
 from hlp.results.recalls import CORRECT
 
@@ -46,7 +47,6 @@ _BAND = "#f3ecd2"
 _BAR, _PANEL = 0.2, 2.9  # inches
 _GROUP = 0.8  # share of a row that its bars take up
 _ROOM = 0.3  # of an axis, beyond the data, for the numbers
-_CUT = 0.5  # recalls that are all higher have an axis that begins below them
 _LONGEST = 45  # characters of a row's name on one line
 
 
@@ -65,7 +65,7 @@ class Panel:
     """A bar for each row, or none, of one or several series.
 
     `stacked` bars stand one after another, and the text of `totals` behind the last. `published`
-    are points for comparison. A `recall` is a point too, since its axis may be cut.
+    are points for comparison. A `recall` is a point too, since its axis does not begin at 0.
     """
 
     title: str
@@ -109,14 +109,19 @@ def draw_bars(
 
 
 def _draw_panel(ax: "Axes", panel: Panel, rows: int) -> None:
+    for name, values in panel.published.items():
+        known = [(value, row) for row, value in enumerate(values) if value is not None]
+        ax.plot(*zip(*known, strict=True), "kD", markerfacecolor="white", label=name)
     if panel.stacked:
         _draw_stacks(ax, panel, rows)
     else:
         _draw_groups(ax, panel)
-        _set_axis(ax, panel)
-    for name, values in panel.published.items():
-        known = [(value, row) for row, value in enumerate(values) if value is not None]
-        ax.plot(*zip(*known, strict=True), "kD", markerfacecolor="white", label=name)
+    if not panel.recall:
+        ax.axvline(0.0, color="0.4", linewidth=0.8)
+    begin, end = ax.dataLim.intervalx
+    room = _ROOM * max(end - begin, 0.01)
+    ax.set_xlim(begin - room * (begin != 0) / 4, end + room)
+    ax.set_xticks([tick for tick in ax.get_xticks() if begin <= tick <= end])
     ax.set_title(textwrap.fill(panel.title, 36), fontsize=9)
     ax.tick_params(labelsize=8)
     ax.grid(axis="x", alpha=0.3)
@@ -142,37 +147,18 @@ def _draw_groups(ax: "Axes", panel: Panel) -> None:
             end = max(0.0, bar.value, *(bar.interval or ()))
             ax.annotate(bar.text, (end, y), (3, 0), textcoords="offset points", va="center",
                         fontsize=7.5)  # fmt: skip
-    if not panel.recall:
-        ax.axvline(0.0, color="0.4", linewidth=0.8)
-
-
-def _set_axis(ax: "Axes", panel: Panel) -> None:
-    """High recalls begin at the largest tenth below all, everything else at 0, with room beyond."""
-    bars = [bar for some in panel.series.values() for bar in some if bar is not None]
-    ends = [end for bar in bars for end in (bar.value, *(bar.interval or ()))]
-    ends += [value for some in panel.published.values() for value in some if value is not None]
-    begin, highest = min(1.2 * min(ends), 0.0), max(*ends, 0.02)
-    if panel.recall:
-        tenth = math.floor(10.0 * min(ends) - 1e-9) / 10.0
-        begin, highest = (tenth if tenth >= _CUT else 0.0), max(highest, 0.1)
-    ax.set_xlim(begin, highest + _ROOM * (highest - begin))
-    ax.set_xticks([tick for tick in ax.get_xticks() if begin <= tick <= highest + 1e-9])
-    ax.set_xlabel(f"axis cut: begins at {begin:g}" if begin > 0 else "", fontsize=8)
 
 
 def _draw_stacks(ax: "Axes", panel: Panel, rows: int) -> None:
-    ends = [0.0] * rows
-    table = [[bar.value if bar else 0.0 for bar in bars] for bars in panel.series.values()]
-    longest = max(map(sum, zip(*table, strict=True)), default=0.0)
-    for place, name in enumerate(panel.series):
-        ax.barh(range(rows), table[place], 0.75, ends, label=name,
+    ends = np.zeros(rows)
+    for place, (name, bars) in enumerate(panel.series.items()):
+        lengths = np.array([bar.value if bar else 0.0 for bar in bars])
+        ax.barh(range(rows), lengths, 0.75, ends, label=name,
                 color=panel.colors.get(name, COLORS[place % len(COLORS)]))  # fmt: skip
-        ends = [end + length for end, length in zip(ends, table[place], strict=True)]
+        ends += lengths
     for row, text in enumerate(panel.totals):
         ax.annotate(text, (ends[row], row), (4, 0), textcoords="offset points", va="center",
                     fontsize=8)  # fmt: skip
-    room = _ROOM / 9 * max(5, *(len(text) for text in (*panel.totals, "")))
-    ax.set_xlim(0.0, (1.0 + room) * (longest or 1.0))
 
 
 def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
@@ -186,17 +172,9 @@ def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
         {stage: time["median"] for stage, time in summary["timing_ms"].items()}
         for summary in summaries
     ]
+    loads = [run_cells(summary)["load"] or "unknown" for summary in summaries]
     title = "ms an object and frame, median, by stage"
-    return [*panels, _times_panel(title, medians, "total", loads_in_words(summaries))]
-
-
-def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Of each run ` (load 6.5)`, to stand behind its time; empty where all had the same.
-
-    Times that were measured under different load of the machine cannot be compared without it.
-    """
-    loads = [run_cells(summary)["load"] for summary in summaries]
-    return [f" (load {load or 'unknown'})" if len({*loads}) > 1 else "" for load in loads]
+    return [*panels, _times_panel(title, medians, "total", loads)]
 
 
 def _times_panel(
@@ -207,15 +185,18 @@ def _times_panel(
 ) -> Panel:
     """Stages one after another, shared out so that they end at the median of the whole.
 
-    Medians of stages do not add up to it. `whole` is its name among them.
+    Medians of stages do not add up to it. `whole` is its name among them. `loads` of the machine
+    are told where they differ: times that were measured under them cannot be compared.
     """
     rows, totals = [], []
-    for found, load in zip(medians, loads or [""] * len(medians), strict=True):
+    for found in medians:
         known = {stage: median for stage, median in found.items() if median is not None}
         total = known.pop(whole, sum(known.values()))
         scale = total / (sum(known.values()) or 1.0)
         rows.append({stage: Bar(scale * time) for stage, time in known.items()})
-        totals.append(f"{format_ms(total)}{load}")
+        totals.append(format_ms(total))
+    if len({*loads}) > 1:
+        totals = [f"{ms} (load {load})" for ms, load in zip(totals, loads, strict=True)]
     stages = dict.fromkeys(stage for row in rows for stage in row)
     series = {stage: [row.get(stage) for row in rows] for stage in stages}
     return Panel(title, series, stacked=True, totals=totals, colors=STAGE_COLORS)

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hlp.files import write_csv
 from hlp.records import MILLIMETRES_PER_METRE
+from hlp.reporting.bench_tables import format_ms
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars, loads_in_words
+from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars
 from hlp.reporting.results import Result
-from hlp.reporting.summary_tables import run_cells
-from hlp.results.recalls import TargetKey, wilson
+from hlp.results.recalls import wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,8 +55,7 @@ def timing_bars(summary: Mapping[str, Any]) -> "Figure | None":
     bars = []
     for stage, time in times.items():
         median, high = time["median"], time["p95"]
-        words = f"{median:.3g}" if median < 1000 else f"{median:.0f}"
-        words = words if high is None else f"{words} ({high:.0f})"
+        words = format_ms(median) if high is None else f"{format_ms(median)} ({format_ms(high)})"
         bars.append(Bar(median, words, color=STAGE_COLORS.get(stage, "#444444")))
     title = "ms for one object in one frame, median (95th percentile)"
     return draw_bars(list(times), [Panel(title, {"": bars})], "")
@@ -88,43 +86,6 @@ def ad_curve(targets: Targets, diameters_mm: Mapping[str, float]) -> "Figure | N
     return figure
 
 
-def bop_curves(targets: Targets) -> "Figure | None":
-    """Share of targets below each of BOP's thresholds of MSSD and MSPD; None if not computed.
-
-    A target's mean recall says how many of the ten it keeps to: the widest ones.
-    """
-    figure, ax = _figure(3.0)
-    for name, color in (("mssd", _BLUE), ("mspd", _ORANGE)):
-        kept = np.array([10 * getattr(target.score, f"{name}_recall") for target in targets])
-        if np.isnan(kept).any():
-            return None
-        shares = [float((kept.round() > 10 - place).mean()) for place in range(1, 11)]
-        ax.plot(range(5, 51, 5), shares, "o-", color=color, label=name.upper())
-    ax.set(xlabel="threshold: MSSD, % of the diameter; MSPD, px of 640", ylabel="recall")
-    ax.set(xlim=(0.0, 52.0), ylim=(0.0, 1.02))
-    ax.legend(frameon=False, loc="lower right")
-    return figure
-
-
-def error_by_distance(
-    scores: Mapping[TargetKey, ScoredTarget], scenes: Mapping[TargetKey, Mapping[str, Any]]
-) -> "Figure | None":
-    """A point for each target that has a pose and a scene: its ADD(-S) by its distance (m)."""
-    found = [
-        (float(np.linalg.norm(scene["truth"][3:12:4])), score.add_error, score.add_correct)
-        for key, scene in scenes.items()
-        if key in scores and (score := scores[key].score).found
-    ]
-    if not found:
-        return None
-    figure, ax = _figure(2.5)
-    millimetres, errors, right = map(np.array, zip(*found, strict=True))
-    colors = [_BLUE if verdict else _ORANGE for verdict in right]
-    ax.scatter(millimetres / MILLIMETRES_PER_METRE, MILLIMETRES_PER_METRE * errors, 26, colors)
-    ax.set(xlabel="distance from the camera, m", ylabel="ADD(-S), mm", yscale="log")
-    return figure
-
-
 def error_histogram(targets: Targets, kind: str) -> "Figure":
     """Targets by their error: `translation` (mm) or `rotation` (degrees), right ones and wrong.
 
@@ -152,10 +113,10 @@ def error_histogram(targets: Targets, kind: str) -> "Figure":
     return figure
 
 
-def _figure(height: float) -> tuple["Figure", "Axes"]:
+def _figure(height: float, width: float = 6.0) -> tuple["Figure", "Axes"]:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.0, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
     ax = figure.subplots()
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(axis="y", alpha=0.3)
@@ -163,101 +124,72 @@ def _figure(height: float) -> tuple["Figure", "Axes"]:
     return figure, ax
 
 
-BUDGET = "refinement.budget_ms"
 FRONT = "Pareto front"
-_NAME = "recall_by_time"
-_COLUMNS = (
-    "targets", "add_recall", "ci95_low", "ci95_high", "median_ms", "p95_ms", "load", "pareto",
-)  # fmt: skip
-_NEAR = 0.05  # of the longest time: labels closer than this are merged
-
 Point = tuple[float, float]
 """Time (ms) and recall."""
 
 
 def draw_trade_off(folder: Path, runs: Sequence[Result], swept: Sequence[str]) -> list[Path]:
-    """Write recall_by_time.csv, .png and .svg of a sweep's finished runs; those files.
+    """Write recall_by_time.png and .svg of a sweep's finished runs; those files.
 
     Empty if fewer than two runs are finished.
     """
     if len(runs) < 2:
         return []
-    table = folder / f"{_NAME}.csv"
-    keys = [key for key in swept if any(key in run.chosen for run in runs)]
-    front, rows = pareto_front([_point(run) for run in runs]), []
-    for place, run in enumerate(runs):
-        times = run.total_ms["median"], run.total_ms["p95"], run_cells(run.summary)["load"]
-        numbers = (run.targets, run.add["recall"], *run.add["ci95"], *times, int(place in front))
-        rows.append([*(run.chosen.get(key, "") for key in keys), *numbers])
-    write_csv(table, [*keys, *_COLUMNS], rows)
-    return [table, *save_figure(recall_by_time(runs, swept), folder / _NAME)]
+    return save_figure(recall_by_time(runs, swept), folder / "recall_by_time")
 
 
 def _point(run: Result) -> Point:
     return run.total_ms["median"], run.add["recall"]
 
 
-def time_axes(points: Sequence[Point], end: float, title: str) -> tuple["Figure", "Axes"]:
+def _time_axes(points: Sequence[Point], end: float, title: str) -> tuple["Figure", "Axes"]:
     """Axes of recall and time from 0 to `end`, with the front of the points as a step."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.0, 4.6), layout="constrained")
-    ax = figure.subplots()
+    figure, ax = _figure(4.6, 7.0)
     front = [points[place] for place in pareto_front(points)]
     times, recalls = zip(*front, (end, front[-1][1]), strict=True)
     ax.step(times, recalls, where="post", color="0.45", linestyle="--", linewidth=1, label=FRONT)
     ax.set(xlabel="ms for one object in one frame, all stages (median)", ylabel="ADD(-S) recall")
     ax.set(xlim=(0, end), title=title)
-    ax.grid(alpha=0.3)
     ax.margins(y=0.12)
-    ax.spines[["top", "right"]].set_visible(False)
     return figure, ax
 
 
 def recall_by_time(runs: Sequence[Result], swept: Sequence[str]) -> "Figure":
     """A point for each run, with the 95 % interval of its recall; filled on the Pareto front.
 
-    Runs that differ only in their time budget are joined by a line and labelled with the budget.
     The front is a step: the highest recall of all runs that take no longer.
     """
-    series: dict[str, list[Result]] = {}
-    for run in sorted(runs, key=_point):
-        series.setdefault(run.in_words([key for key in swept if key != BUDGET]), []).append(run)
-    points, loads = [_point(run) for run in runs], loads_in_words([run.summary for run in runs])
-    longest = max(time for time, _ in points)
+    points = [_point(run) for run in runs]
+    longest, front = max(time for time, _ in points), pareto_front(points)
     title = f"Recall against time, {runs[0].targets} targets"
-    figure, ax = time_axes(points, 1.15 * longest, title)  # room for the last label
-    best = [points[place] for place in pareto_front(points)]
-    for name, members in series.items():
-        times, recalls = zip(*map(_point, members), strict=True)
-        below = [run.add["recall"] - run.add["ci95"][0] for run in members]
-        above = [run.add["ci95"][1] - run.add["recall"] for run in members]
-        label = name + "".join(loads[runs.index(run)] for run in members)
-        drawn = ax.errorbar(times, recalls, (below, above), marker="o", capsize=3,
-                            label=label or None)  # fmt: skip
-        beaten = [_point(run) for run in members if _point(run) not in best]
-        ax.plot([time for time, _ in beaten], [recall for _, recall in beaten], "o", zorder=5,
-                color=drawn[0].get_color(), markerfacecolor="white")  # fmt: skip
-        for text, at in _budget_labels(members, longest) if BUDGET in swept else ():
-            ax.annotate(text, at, (6, -4), textcoords="offset points", fontsize=8, va="top")
+    figure, ax = _time_axes(points, 1.05 * longest, title)
+    for place, ((time, recall), run) in enumerate(zip(points, runs, strict=True)):
+        low, high = run.add["ci95"]
+        ax.errorbar(time, recall, [[recall - low], [high - recall]], fmt="o", capsize=3,
+                    markerfacecolor=None if place in front else "white",
+                    label=run.in_words(swept) or None)  # fmt: skip
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure
 
 
-def _budget_labels(runs: Sequence[Result], longest: float) -> list[tuple[str, Point]]:
-    """Labels with their places, for runs in order of time; near runs share a label."""
-    labels: list[tuple[str, Point]] = []
-    for run in runs:
-        if BUDGET not in run.chosen:
-            continue
-        value, (time, recall) = run.chosen[BUDGET], _point(run)
-        text = "no limit" if value == "null" else f"{float(value):g} ms"
-        if labels and time - labels[-1][1][0] < _NEAR * longest:
-            others, (first_time, lowest) = labels.pop()
-            labels.append((f"{others}\n{text}", (first_time, min(lowest, recall))))
-        else:
-            labels.append((text, (time, recall)))
-    return labels
+def search_points(result: Mapping[str, Any]) -> "Figure":
+    """A point for each trial with a result, of what `search.json` holds; there must be one."""
+    limit, best = result["limit_ms"], result["best"]
+    trials = [trial for trial in result["trials"] if trial["error"] is None]
+    points = [(trial["time_ms"], trial["recall"]) for trial in trials]
+    end = 1.1 * max(limit, *(time for time, _ in points))
+    figure, ax = _time_axes(points, end, f"{len(trials)} trials of {result['space']}")
+    ax.axvline(limit, color="0.2", linewidth=1, linestyle=":", label=f"limit {limit:g} ms")
+    colors = [_BLUE if time <= limit else "#999999" for time, _ in points]
+    times, recalls = zip(*points, strict=True)
+    ax.scatter(times, recalls, 26, colors, zorder=3)
+    if best is not None:
+        words = f"best within the limit: trial {best['trial']}"
+        ax.plot(best["time_ms"], best["recall"], "*", color="#d55e00", markersize=14, zorder=4,
+                label=words)  # fmt: skip
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    return figure
 
 
 def pareto_front(points: Sequence[Point]) -> list[int]:

@@ -1,21 +1,34 @@
 """What is drawn over a frame: region, local patches, votes, poses (paper, Fig. 7 and 8).
 
+The panels of a target, and all poses of a frame at once.
+
 The colours are told apart by people who see few (Okabe and Ito); the votes' grow in lightness too.
 """
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import CameraMatrix, Mask, Pose, Positions, Rgb
+from hlp.arrays import CameraMatrix, Image, Mask, Pose, Positions, Rgb
 from hlp.files import replaced
 from hlp.geometry import project, transform
-from hlp.records import Frame, ObjectModel, Votes
+from hlp.records import (
+    MILLIMETRES_PER_METRE,
+    Frame,
+    ObjectModel,
+    PoseEstimate,
+    Region,
+    Target,
+    TargetScore,
+    Votes,
+)
 from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_depth, render_rgbd
-from hlp.reporting.figures import Color
+from hlp.reporting.figures import Color, size_of, titled, with_legend, write_words
 
 VOTE_CELL = 8  # px, as in the paper
 JPEG_QUALITY = 85
@@ -23,9 +36,13 @@ REGION_COLOR = (0, 200, 150)
 PATCH_COLOR = (240, 228, 66)
 ESTIMATE_COLOR = (86, 180, 233)
 TRUTH_COLOR = (255, 165, 0)
-VOTE_COLORS = cv2.COLORMAP_INFERNO
+BRIGHTEST_VOTES = (252, 255, 164)  # of OpenCV's map `inferno`
 AXIS_COLORS = ((240, 60, 60), (70, 220, 70), (80, 130, 255))
 _SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
+COARSE_COLOR = (255, 255, 255)
+RIGHT_COLOR, WRONG_COLOR = ESTIMATE_COLOR, (230, 97, 0)
+_MARGIN = 1.35  # of the poses' boxes around all of them
+_NARROWEST = 32.0  # px of a frame that are enlarged
 
 
 def write_picture(path: Path, image: Rgb, jpeg_quality: int = JPEG_QUALITY) -> None:
@@ -58,18 +75,15 @@ def weight_by_cell(
 
     The last cells may reach beyond the image. Votes outside it or behind the camera do not count.
     """
-    rows, columns = (-(-size // VOTE_CELL) for size in shape)
     ahead = votes.centroids_cam[:, 2] > 0
-    points, weights = votes.centroids_cam[ahead], votes.weights[ahead]
+    x, y = project(votes.centroids_cam[ahead], camera_matrix).T
     # A pixel's centre has integer coordinates, so pixel 0 begins at -0.5.
-    cells = np.floor((project(points, camera_matrix) + 0.5) / VOTE_CELL)
-    inside = ((cells >= 0) & (cells < (columns, rows))).all(axis=1)
-    x, y = cells[inside].astype(int).T
-    sums = np.bincount(y * columns + x, weights[inside], minlength=rows * columns)
-    return sums.reshape(rows, columns)
+    edges = [np.arange(-(-size // VOTE_CELL) + 1) * VOTE_CELL - 0.5 for size in shape]
+    sums, *_ = np.histogram2d(y, x, edges, weights=votes.weights[ahead])
+    return np.asarray(sums)
 
 
-def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose | None) -> Rgb:
+def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose) -> Rgb:
     """Cells coloured by the weight of their votes, dark for little; a ring marks the truth."""
     height, width = frame.depth.shape
 
@@ -78,28 +92,21 @@ def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose |
 
     sums = weight_by_cell(votes, frame.camera_matrix, (height, width))
     scaled = np.rint(sums * (255.0 / max(sums.max(), 1e-9))).astype(np.uint8)
-    colors = cv2.cvtColor(cv2.applyColorMap(scaled, VOTE_COLORS), cv2.COLOR_BGR2RGB)
+    colors = cv2.cvtColor(cv2.applyColorMap(scaled, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB)
     grey = _grey(frame.rgb, 0.5)
     mixed = (3 * enlarged(colors).astype(np.uint16) + grey) // 4
     picture = np.where(enlarged(sums > 0)[..., None], mixed, grey).astype(np.uint8)
-    if true_pose is not None:
-        center = project(transform(true_pose, model.centroid[None]), frame.camera_matrix)
-        (x, y), *_ = np.rint(center).astype(int).tolist()
-        cv2.circle(picture, (x, y), 12, TRUTH_COLOR, 1, cv2.LINE_AA)
+    center = project(transform(true_pose, model.centroid[None]), frame.camera_matrix)
+    (x, y), *_ = np.rint(center).astype(int).tolist()
+    cv2.circle(picture, (x, y), 12, TRUTH_COLOR, 1, cv2.LINE_AA)
     return picture
 
 
-def draw_poses(frame: Frame, model: ObjectModel, pose: Pose | None, true_pose: Pose | None) -> Rgb:
-    """Shaded model, outline and axes over the grey picture; the true pose as an outline only."""
-    picture = _grey(frame.rgb, 0.8)
-    camera, shape = frame.camera_matrix, frame.depth.shape
-    size = (shape[0], shape[1])
-    if pose is not None:
-        picture = _shade(picture, model, pose, camera, ESTIMATE_COLOR)
-    if true_pose is not None:
-        true_depth = render_depth(model.proxy, true_pose[None], camera, size)[0]
-        picture = outline(picture, true_depth > 0, TRUTH_COLOR)
-    return picture if pose is None else _draw_axes(picture, model, pose, camera)
+def rendered_depth(frame: Frame, model: ObjectModel, pose: Pose) -> Image:
+    """Depth of an object alone, as the frame's camera sees it (m, 0 where it is not)."""
+    height, width = frame.depth.shape
+    depth = render_depth(model.proxy, pose[None], frame.camera_matrix, (height, width))
+    return np.asarray(depth[0])
 
 
 def draw_detections(frame: Frame, poses: Sequence[tuple[ObjectModel, Pose]]) -> Rgb:
@@ -112,20 +119,13 @@ def draw_models(
     picture: Rgb, poses: Sequence[tuple[ObjectModel, Pose, Color]], camera_matrix: CameraMatrix
 ) -> Rgb:
     """Shaded models over a picture, far ones first, with their axes and outlines in colours."""
-    for model, pose, color in sorted(poses, key=lambda posed: -float(posed[1][2, 3])):
-        picture = _shade(picture, model, pose, camera_matrix, color)
-        picture = _draw_axes(picture, model, pose, camera_matrix)
-    return picture
-
-
-def _shade(
-    picture: Rgb, model: ObjectModel, pose: Pose, camera_matrix: CameraMatrix, color: Color
-) -> Rgb:
     size = (picture.shape[0], picture.shape[1])
-    shaded, depth = render_rgbd(model.mesh, pose, camera_matrix, size, FRONTAL_LIGHT)
-    mixed = (3 * shaded.astype(np.uint16) + picture) // 4
-    picture = np.where(depth[..., None] > 0, mixed, picture).astype(np.uint8)
-    return outline(picture, depth > 0, color)
+    for model, pose, color in sorted(poses, key=lambda posed: -float(posed[1][2, 3])):
+        shaded, depth = render_rgbd(model.mesh, pose, camera_matrix, size, FRONTAL_LIGHT)
+        mixed = (3 * shaded.astype(np.uint16) + picture) // 4
+        picture = np.where(depth[..., None] > 0, mixed, picture).astype(np.uint8)
+        picture = _draw_axes(outline(picture, depth > 0, color), model, pose, camera_matrix)
+    return picture
 
 
 def _draw_axes(picture: Rgb, model: ObjectModel, pose: Pose, camera_matrix: CameraMatrix) -> Rgb:
@@ -156,3 +156,133 @@ def _fixed_point(pixels: Positions) -> list[tuple[int, int]]:
     """Pixels in the fixed-point form that OpenCV draws with `shift`, clipped to its range."""
     scaled = np.rint(np.clip(pixels, -1e5, 1e5) * (1 << _SUBPIXEL)).astype(int)
     return [(int(x), int(y)) for x, y in scaled]
+
+
+@dataclass(frozen=True)
+class SeenTarget:
+    """What the stages have found of an object in a frame.
+
+    `coarse` is the coarse pose from which the estimate was refined.
+    """
+
+    frame: Frame
+    model: ObjectModel
+    region: Region
+    votes: Votes
+    coarse: Pose | None
+    estimate: PoseEstimate | None
+    truth: Target
+    score: TargetScore
+
+    @property
+    def pose(self) -> Pose | None:
+        """The estimated pose."""
+        return None if self.estimate is None else self.estimate.pose_cam_obj
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the pose in words, with the cause of a miss."""
+        score = self.score
+        words = "right" if score.add_correct else "wrong" if score.found else "not found"
+        return f"{words}, {score.cause.replace('_', ' ')}" if score.cause else words
+
+
+def draw_panels(seen: SeenTarget) -> Rgb:
+    """One RGB picture of four panels below a line with the verdict, each with a legend.
+
+    Accepted are the local patches that voted. Of the poses, the last panel shows the outlines,
+    enlarged.
+    """
+    frame, region, votes = seen.frame, seen.region, seen.votes
+    accepted = np.unique(votes.pixels, axis=0)
+    true = seen.truth.pose_cam_obj
+    size = (frame.depth.shape[0], frame.depth.shape[1])
+    most = weight_by_cell(votes, frame.camera_matrix, size).max()
+    bright = (f"{most:.2g}: weight of a cell's votes", BRIGHTEST_VOTES)
+    poses = [
+        ("coarse", COARSE_COLOR, seen.coarse),
+        ("truth", TRUTH_COLOR, true),
+        ("estimate", ESTIMATE_COLOR, seen.pose),
+    ]
+    near = enlarge(frame, seen.model, [true] if seen.pose is None else [true, seen.pose])
+    outlines = near.rgb.copy()
+    for _, color, pose in poses:
+        if pose is not None:
+            outline(outlines, rendered_depth(near, seen.model, pose) > 0, color)
+    pictures = [
+        (draw_region(frame.rgb, region.mask), [("region", REGION_COLOR)]),
+        (draw_patches(frame.rgb, accepted), [("patch that voted", PATCH_COLOR)]),
+        (draw_votes(frame, votes, seen.model, true), [bright, ("truth", TRUTH_COLOR)]),
+        (outlines, [(name, color) for name, color, pose in poses if pose is not None]),
+    ]
+    titles = (
+        f"1 candidate region, of {len(region.centers)} windows",
+        f"2 local patches: {len(accepted)} accepted",
+        f"3 {len(votes)} votes for the centroid, in {VOTE_CELL}x{VOTE_CELL} px cells",
+        "4 pose, enlarged",
+    )
+    drawn = zip(pictures, titles, strict=True)
+    panels = [titled(with_legend(*picture), title) for picture, title in drawn]
+    picture = np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])])
+    return titled(picture, describe_target(seen), 0.7)
+
+
+def describe_target(seen: SeenTarget) -> str:
+    """One line (ASCII): frame, object, verdict with its cause, errors and score."""
+    words, score = f"{seen.frame.key}  {seen.model.name}: {seen.verdict}", seen.score
+    if score.found:
+        limit = MILLIMETRES_PER_METRE * 0.1 * seen.model.diameter
+        words += (
+            f"; ADD(-S) {MILLIMETRES_PER_METRE * score.add_error:.1f} mm (a tenth of the diameter: "
+            f"{limit:.1f}), {math.degrees(score.rotation_error):.1f} deg, "
+            f"{MILLIMETRES_PER_METRE * score.translation_error:.1f} mm; score {score.score:.2f}"
+        )
+    visible = score.visible_fraction
+    return words if math.isnan(visible) else f"{words}; visible {visible:.2f}"
+
+
+def enlarge(frame: Frame, model: ObjectModel, poses: Sequence[Pose]) -> Frame:
+    """The part of a frame that shows an object in some poses, enlarged to the frame's own size.
+
+    Its depth is the nearest pixel's. The whole frame where no pose can be seen.
+    """
+    height, width = frame.depth.shape
+    points = [transform(pose, model.mesh.vertices) for pose in poses]
+    seen = [project(cloud, frame.camera_matrix) for cloud in points if (cloud[:, 2] > 0).all()]
+    if not seen:
+        return frame
+    pixels = np.clip(np.concatenate(seen), (0, 0), (width, height))
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    scale = 1.0 / max(*(_MARGIN * np.maximum(high - low, _NARROWEST) / (width, height)))
+    if scale <= 1.0:
+        return frame
+    # A pixel's centre has integer coordinates.
+    shift = (width / 2 - 0.5, height / 2 - 0.5) - scale * (low + high) / 2
+    motion = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])
+    camera = np.vstack([motion, [0.0, 0.0, 1.0]]) @ frame.camera_matrix
+    rgb = cv2.warpAffine(frame.rgb, motion, (width, height), flags=cv2.INTER_CUBIC)
+    depth = cv2.warpAffine(frame.depth, motion, (width, height), flags=cv2.INTER_NEAREST)
+    return replace(frame, rgb=rgb.astype(np.uint8), depth=depth, camera_matrix=camera)
+
+
+def draw_overview(frame: Frame, targets: Sequence[SeenTarget]) -> Rgb:
+    """The frame in colour with all poses: shaded models, outlines, axes, names with scores."""
+    right = sum(seen.score.add_correct for seen in targets)
+    missing = sum(seen.pose is None for seen in targets)
+    title = f"{frame.key}: {right} of {len(targets)} targets right"
+    title += f", {missing} without an answer" if missing else ""
+    colors = {True: RIGHT_COLOR, False: WRONG_COLOR}
+    posed = [(s.model, s.pose, colors[s.score.add_correct]) for s in targets if s.pose is not None]
+    picture = draw_models(frame.rgb.copy(), posed, frame.camera_matrix)
+    for seen in targets:
+        if seen.pose is None or seen.estimate is None:
+            continue
+        center = transform(seen.pose, seen.model.centroid[None])
+        inside = np.clip(project(center, frame.camera_matrix)[0], 0, picture.shape[1::-1])
+        x, y = np.rint(inside).astype(int).tolist()
+        words = f"{seen.model.name} {seen.estimate.score:.2f}"
+        place = (x - size_of(words)[0] // 2, y + 18)
+        for color, thickness in (((20, 20, 20), 3), ((255, 255, 255), 1)):
+            write_words(picture, words, place, color=color, thickness=thickness)
+    legend = [("right by ADD(-S)", RIGHT_COLOR), ("wrong", WRONG_COLOR)]
+    return titled(with_legend(picture, legend), title)

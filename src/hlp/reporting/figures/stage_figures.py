@@ -1,23 +1,26 @@
-"""What the stages work with: viewpoints, and the costs of the swarm's particles by iteration."""
+"""What the stages work with: viewpoints, views, training windows, patches, the swarm's costs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from hlp.records import Views
+from hlp.arrays import Rgb
+from hlp.records import MILLIMETRES_PER_METRE, LocalPatches, Views
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
 
-
-_NEAR, _FAR = "#0072b2", "#b9d3e6"
-_FROM = {"from the side": (12.0, -60.0), "from above": (90.0, -90.0)}
+NOTHING = 128
+"""Grey level of depth that is missing, or beyond the range of a patch."""
+_DARK, _BACK, _GAP = 24, 200, 3  # grey level between tiles, outside an object; px between tiles
+_TILE = 0.75  # inches
+_VIEWS, _WINDOWS = 12, 8  # of an object, of a class
+_MISSING = 0.999  # of a window's depth channel: missing depth is 1
 _DIGITS = 4  # to which directions are rounded, to find equal ones
 
 
@@ -26,22 +29,18 @@ def viewpoint_figure(views: Views, name: str) -> "Figure":
     from matplotlib.figure import Figure
 
     points = directions(views)
-    angles = nearest_angles_deg(points)
     figure = Figure(figsize=(8.4, 4.4), layout="constrained")
-    for number, (title, (up, turn)) in enumerate(_FROM.items(), 1):
+    for number, (up, turn) in enumerate([(12.0, -60.0), (90.0, -90.0)], 1):
         axes = figure.add_subplot(1, 2, number, projection="3d", proj_type="ortho")
-        _draw_sphere(axes, points, up, turn)
-        if number == 1:
-            axes.legend(
-                loc="upper center", bbox_to_anchor=(0.5, 0.12), ncols=2, frameon=False, fontsize=8
-            )
-        axes.set_title(title, fontsize=10)
+        axes.view_init(up, turn)
+        axes.scatter(*points.T, s=9)  # those behind are paler
+        axes.set(
+            xlabel="x", ylabel="y", xticks=[-1, 0, 1], yticks=[-1, 0, 1], zticks=[], aspect="equal"
+        )
+    turns = len(views) / len(points)
     figure.suptitle(
         f"Where the views of {name} are rendered from: {len(points)} viewpoints,"
-        f" {len(views) / len(points):.3g} turns of the camera at each\n"
-        f"nearest viewpoints are {np.median(angles):.1f}° apart"
-        f" ({angles.min():.1f}° to {angles.max():.1f}°)",
-        fontsize=11,
+        f" {turns:.3g} turns of the camera at each"
     )
     return figure
 
@@ -52,49 +51,125 @@ def directions(views: Views) -> Float[np.ndarray, "n 3"]:
     # The object's centroid lies on the optical axis, whatever its origin.
     back = -poses[:, 2, :3]
     unit = back / np.linalg.norm(back, axis=1, keepdims=True)
-    _, first = np.unique(np.round(unit, _DIGITS), axis=0, return_index=True)
-    return np.asarray(unit[np.sort(first)])
+    return np.unique(np.round(unit, _DIGITS), axis=0)
 
 
-def nearest_angles_deg(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    """Angle of each direction to the nearest other one; nan if there is but one."""
-    if len(points) < 2:
-        return np.full(len(points), np.nan)
-    cosines = points @ points.T
-    np.fill_diagonal(cosines, -1.0)
-    return np.asarray(np.rad2deg(np.arccos(np.clip(cosines.max(axis=1), -1.0, 1.0))))
+def view_sheet(views: Mapping[str, Views]) -> "Figure":
+    """Views of each object, by its name, spread evenly over all of them."""
+    rows = {}
+    for name, rendered in views.items():
+        chosen = _spread(np.arange(len(rendered)), _VIEWS)
+        seen = np.asarray(rendered.depth)[chosen] > 0
+        rows[name] = [*np.where(seen[..., None], np.asarray(rendered.rgb)[chosen], _BACK)]
+    return _sheet([*rows], [*rows.values()], "Some of the views, each under another light")
 
 
-def _draw_sphere(axes: "Axes3D", points: Float[np.ndarray, "n 3"], up: float, turn: float) -> None:
-    """Points of the half that faces the reader are dark; the object's axes are arrows."""
-    axes.view_init(up, turn)
-    a, b = np.deg2rad([up, turn])
-    eye = np.array([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a)])
-    halves = {"behind": (points @ eye < 0, _FAR), "in front": (points @ eye >= 0, _NEAR)}
-    for word, (half, color) in halves.items():
-        axes.scatter(*points[half].T, s=9, color=color, depthshade=False, label=word)
-    turns = np.linspace(0, 2 * np.pi, 90)
-    axes.plot(np.cos(turns), np.sin(turns), 0 * turns, color="#8a8f98", linewidth=0.8)
-    for axis, word in zip(np.eye(3), "xyz", strict=True):
-        if abs(axis @ eye) > 0.99:  # it points at the reader
-            continue
-        axes.quiver(0, 0, 0, *(0.45 * axis), color="black", linewidth=1.2)
-        axes.text(*(0.55 * axis), word, fontsize=9)
-    low = min(0.0, float(points[:, 2].min()))
-    axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(low, 1))
-    axes.set_box_aspect((2.0, 2.0, 1.0 - low), zoom=1.2)
-    axes.set_axis_off()
+def training_sheet(
+    images: Float[np.ndarray, "n c p p"], labels: Int[np.ndarray, "n"], names: Sequence[str]
+) -> "Figure":
+    """Some windows of each class: colour and, with four channels, depth beside it.
+
+    Images are in [-1, 1], as the network takes them; `names` are those of the classes.
+    """
+    rows = []
+    for label in range(len(names)):
+        tiles = []
+        for image in images[_spread(np.flatnonzero(labels == label), _WINDOWS)]:
+            color = np.rint(127.5 * (np.clip(image[:3], -1.0, 1.0) + 1.0)).astype(np.uint8)
+            shown = [color.transpose(1, 2, 0)]
+            if len(image) == 4:
+                shown.append(depth_tile(image[3], image[3] < _MISSING))
+            tiles.append(np.hstack(shown))
+        rows.append(tiles)
+    title = "What the classifier is trained on: some windows of each class"
+    note = "background: also windows that show an object badly centred or at a wrong size"
+    return _sheet(names, rows, title, note, depths=images.shape[1] == 4)
+
+
+@dataclass(frozen=True)
+class PatchEntries:
+    """A patch (row 0) and its nearest entries (rows 1 …), nearest first, all with colour.
+
+    `distances` are those of the features, `apart` (m) how far each entry's place on the object is
+    from the true place of the patch.
+    """
+
+    name: str
+    patches: LocalPatches
+    distances: Float[np.ndarray, "k"]
+    apart: Float[np.ndarray, "k"]
+
+
+def entries_sheet(found: Sequence[PatchEntries]) -> "Figure":
+    """A row for each patch: itself, then its nearest entries; colour and depth of each."""
+    rows, words = [], []
+    for near in found:
+        parts = zip(near.patches.color, near.patches.depth, near.patches.valid, strict=True)
+        rows.append([np.hstack([color, depth_tile(*measured)]) for color, *measured in parts])
+        entries = zip(near.distances, MILLIMETRES_PER_METRE * near.apart, strict=True)
+        words.append(["", *(f"{distance:.2f}, {apart:.0f} mm off" for distance, apart in entries)])
+    names = [f"{near.name}:\npatch in the image" for near in found]
+    title = "Local patches of images, and the codebook entries with the most similar features"
+    note = "on an entry: distance of features, and how far it is from the true place"
+    return _sheet(names, rows, title, note, words, depths=True)
+
+
+def depth_tile(depth: Float[np.ndarray, "p p"], valid: Bool[np.ndarray, "p p"]) -> Rgb:
+    """Relative depth from -1 (near, yellow) to 1 (far, violet); grey where it is not valid."""
+    # These colours are without any grey.
+    levels = np.rint(127.5 * (1.0 - np.clip(depth, -1.0, 1.0))).astype(np.uint8)
+    colors = cv2.cvtColor(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB)
+    return np.where(valid[..., None], colors, NOTHING).astype(np.uint8)
+
+
+def _spread(items: Int[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
+    count = min(most, len(items))
+    return items[[i * len(items) // count for i in range(count)]]
+
+
+def _sheet(
+    names: Sequence[str],
+    rows: Sequence[Sequence[Rgb]],
+    title: str,
+    note: str = "",
+    words: Sequence[Sequence[str]] = (),
+    *,
+    depths: bool = False,
+) -> "Figure":
+    """Rows of tiles of one size behind their names, with `words` on them; a scale of `depths`."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    edges = ((0, _GAP), (0, _GAP), (0, 0))
+    framed = [[np.pad(t, edges, constant_values=_DARK) for t in tiles] for tiles in rows]
+    height, width, _ = next(tile.shape for tiles in framed for tile in tiles)
+    most = max(map(len, framed))
+    picture = np.full((len(rows) * height, most * width, 3), _DARK, dtype=np.uint8)
+    for row, tiles in enumerate(framed):
+        for column, tile in enumerate(tiles):
+            left = column * width
+            picture[row * height : (row + 1) * height, left : left + width] = tile
+    size = (_TILE * most * width / height + 2.5, _TILE * len(rows) + 1.0)
+    figure = Figure(figsize=size, layout="constrained")
+    ax = figure.subplots()
+    ax.imshow(picture)
+    ax.set_yticks((np.arange(len(rows)) + 0.5) * height, names, fontsize=8)
+    ax.set_xticks([])
+    ax.set_xlabel(note, fontsize=8)
+    for row, said in enumerate(words):
+        for column, text in enumerate(said):
+            ax.text(column * width + 1, row * height + 1, text, fontsize=6, va="top",
+                    bbox={"facecolor": "white", "pad": 1.0, "linewidth": 0.0})  # fmt: skip
+    if depths:
+        scale = ScalarMappable(Normalize(-1.0, 1.0), "viridis_r")
+        figure.colorbar(scale, ax=ax, ticks=[]).set_label("near   depth (grey: none)   far")
+    figure.suptitle(title, fontsize=10)
+    return figure
 
 
 _CHOSEN, _PARTICLES, _OTHER, _TRUE, _ANSWER = "#0072b2", "#56b4e9", "#8a8f98", "#d55e00", "black"
 _COLUMNS = 3
-_LABELS = _POINTS, _BEST, _REST, _TRUTH, _FOUND = (
-    "each particle of the chosen swarm",
-    "best of the chosen swarm",
-    "best of another swarm",
-    "true pose",
-    "answer",
-)
 
 
 @dataclass(frozen=True)
@@ -119,47 +194,34 @@ def swarm_figure(targets: Sequence[SwarmsOfTarget]) -> "Figure":
     columns = min(_COLUMNS, len(targets))
     rows = -(-len(targets) // columns)
     figure = Figure(figsize=(max(3.9 * columns, 6.6), 2.9 * rows + 1.2), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False)
-    for ax in grid.flat[len(targets) :]:
-        ax.set_axis_off()
-    handles: dict[str, "Artist"] = {}
-    for ax, target in zip(grid.flat, targets, strict=False):
-        _draw(ax, target)
-        drawn, names = ax.get_legend_handles_labels()
-        handles |= dict(zip(names, drawn, strict=True))
-    for ax in grid[:, 0]:
-        ax.set_ylabel("cost (0: fits the depth image exactly)", fontsize=8)
-    labels = [label for label in _LABELS if label in handles]
+    axes = [figure.add_subplot(rows, columns, number + 1) for number in range(len(targets))]
+    for ax, target in zip(axes, targets, strict=True):
+        _draw_swarms(ax, target)
+    legends = [ax.get_legend_handles_labels() for ax in axes]
+    named = {name: drawn for legend in legends for drawn, name in zip(*legend, strict=True)}
     figure.legend(
-        [handles[label] for label in labels],
-        labels,
-        loc="outside lower center",
-        ncols=min(5, columns + 2),
-        frameon=False,
-        fontsize=8,
+        named.values(), named, loc="outside lower center", ncols=3, frameon=False, fontsize=8
     )
-    title = "Particle swarm: costs of the poses that it tries, starting from coarse poses"
-    if any(target.answer_cost is not None and target.chosen is None for target in targets):
-        title += "\nno chosen swarm: the answer's search cannot be repeated, as after a closer look"
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle("Particle swarm: costs of the poses that it tries, from coarse poses on")
     return figure
 
 
-def _draw(ax: "Axes", target: SwarmsOfTarget) -> None:
+def _draw_swarms(ax: "Axes", target: SwarmsOfTarget) -> None:
     chosen = None if target.chosen is None else target.swarms[target.chosen]
     for costs in target.swarms:
         if costs is not chosen:
-            ax.plot(_best(costs), color=_OTHER, linewidth=1.1, label=_REST)
+            ax.plot(_best(costs), color=_OTHER, linewidth=1.1, label="best of another swarm")
     if chosen is not None:
         x = np.repeat(np.arange(len(chosen)), chosen.shape[1])
-        ax.scatter(x, chosen.ravel(), s=3, color=_PARTICLES, alpha=0.5, label=_POINTS)
-        ax.plot(_best(chosen), color=_CHOSEN, linewidth=2.2, label=_BEST)
-    ax.axhline(target.true_cost, color=_TRUE, linewidth=1.5, ls="--", label=_TRUTH)
+        words = "each particle of the chosen swarm"
+        ax.scatter(x, chosen.ravel(), s=3, color=_PARTICLES, alpha=0.5, label=words)
+        ax.plot(_best(chosen), color=_CHOSEN, linewidth=2.2, label="best of the chosen swarm")
+    ax.axhline(target.true_cost, color=_TRUE, linewidth=1.5, ls="--", label="true pose")
     if target.answer_cost is not None:
         last = max(map(len, target.swarms if chosen is None else [chosen])) - 1
-        ax.plot(last, target.answer_cost, "*", color=_ANSWER, markersize=9, label=_FOUND)
+        ax.plot(last, target.answer_cost, "*", color=_ANSWER, markersize=9, label="answer")
     ax.set_title(target.title, fontsize=9)
-    ax.set_xlabel("iteration")
+    ax.set(xlabel="iteration", ylabel="cost (0: fits exactly)")
     ax.margins(y=0.12)
     ax.set_ylim(bottom=0.0)
     ax.spines[["top", "right"]].set_visible(False)

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import re
 import threading
 import time
@@ -24,7 +23,7 @@ _LONGEST_VALUE, _LONGEST_TAG, _LONGEST_DIGEST = 6000, 5000, 36  # characters
 _AT_ONCE = {"metrics": 1000, "params": 100, "tags": 100}
 _WIDEST_IMAGE = 800  # px
 _INTERVAL = 10.0  # s between two system metrics, as MLflow's own
-_STATM = Path("/proc/self/statm")  # Linux alone tells the memory of now
+_STATUS = Path("/proc/self/status")
 _Answer = TypeVar("_Answer")
 
 
@@ -110,7 +109,7 @@ class MlflowRun:
 
         Returns what to say in the run's description: a link to that run; empty if this is the one.
         """
-        if self.place is None or not rows:
+        if not rows:
             return ""
         tag = f"trained.{stage}"
         found = self.send(lambda client, _: _run_with(client, tag, fingerprint))
@@ -128,22 +127,17 @@ class MlflowRun:
         return f"{stage} trained by [{found.run_name}]({page})"
 
     def log_params(self, params: Mapping[str, Any]) -> None:
-        """Log parameters; nested ones are flattened, long values are cut at MLflow's limit."""
-        flat = flatten(params).items()
-        self.log_entities("params", ((metric_name(k), str(v)[:_LONGEST_VALUE]) for k, v in flat))
+        """Log parameters; long values are cut at MLflow's limit."""
+        cut = ((metric_name(name), str(value)[:_LONGEST_VALUE]) for name, value in params.items())
+        self.log_entities("params", cut)
 
     def set_tags(self, tags: Mapping[str, str]) -> None:
         """Set tags; long values are cut at MLflow's limit."""
         self.log_entities("tags", ((metric_name(k), v[:_LONGEST_TAG]) for k, v in tags.items()))
 
     def describe(self, markdown: str) -> None:
-        """Set the run's description, after its first paragraph a link to the page's better view.
-
-        A click in the list of runs opens the page with MLflow's menu for language models.
-        """
-        first, *rest = markdown.split("\n\n", 1)
-        view = f"[This page with the menu of model training]({self.page_path[1:]})"
-        self.set_tags({NOTE: "\n\n".join([first, view, *rest])})
+        """Set the run's description."""
+        self.set_tags({NOTE: markdown})
 
     def log_input(self, name: str, digest: str, source: str, context: str) -> None:
         """Log a data set that the run reads, with a `digest` of its content and its purpose."""
@@ -198,24 +192,21 @@ class MlflowRun:
             ended.set()
             sampler.join()
         spent = time.process_time() - begun
-        self.log_metrics(
-            {"system/cpu_seconds": spent, "system/peak_memory_megabytes": _peak_memory()}
-        )
+        peak = _memory("VmHWM")
+        self.log_metrics({"system/cpu_seconds": spent, "system/peak_memory_megabytes": peak})
 
     def _sample(self, interval: float, ended: threading.Event) -> None:
         """Log what was used since the last time, until the block has ended."""
         try:
             began = self.send(lambda client, run_id: client.get_run(run_id).info.start_time) or 0
-            clock, spent = time.perf_counter(), time.process_time()
-            last = False
+            clock, spent, last = time.time(), time.process_time(), False
             while not last:
                 last = ended.wait(interval)
-                now, used = time.perf_counter(), time.process_time()
+                now, used = time.time(), time.process_time()
                 cores = (used - spent) / max(now - clock, 1e-3)
                 clock, spent = now, used
-                step = max(0, int(time.time() - began / 1000))
-                values = {"system/cpu_cores": cores, "system/memory_megabytes": _memory()}
-                self.log_metrics(values, step)
+                values = {"system/cpu_cores": cores, "system/memory_megabytes": _memory("VmRSS")}
+                self.log_metrics(values, max(0, int(now - began / 1000)))
         except Exception as error:  # the run's own next call says what is wrong
             logging.getLogger(__name__).warning("no more system metrics: %s", reason(error))
 
@@ -251,17 +242,8 @@ def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def _memory() -> float | None:
-    """Memory of this process now (MB); None where the system does not tell."""
-    if not _STATM.is_file():
-        return None
-    return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def _peak_memory() -> float | None:
-    """Largest memory of this process so far (MB); None where it is not counted in KiB."""
-    if not _STATM.is_file():
-        return None
-    import resource  # Windows has none
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+def _memory(field: str) -> float | None:
+    """Memory of this process in MB: `VmRSS` (now) or `VmHWM` (the largest so far), on Linux."""
+    lines = _STATUS.read_text().splitlines() if _STATUS.is_file() else []
+    sizes = [int(line.split()[1]) for line in lines if line.startswith(field)]
+    return sizes[0] * 1024 / 1e6 if sizes else None

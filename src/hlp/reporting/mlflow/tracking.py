@@ -113,7 +113,8 @@ def track_run(
         return
     with _errors_named(settings.uri):
         child = _CHILD.get()
-        run, logged = _Opening(settings, run_name, tags or {}, page, resume, child).open()
+        page = experiment_tags(settings.about) if page is None else page
+        run, logged = _opened(settings, run_name, tags or {}, page, resume)
         try:
             chosen = {**(child.swept if child else {}), **(params or {})}
             # MLflow lets no parameter be changed.
@@ -126,52 +127,44 @@ def track_run(
             raise
 
 
-@dataclass(frozen=True)
-class _Opening:
-    """How a run is opened, at its server or aside."""
+def _opened(
+    settings: MlflowSettings,
+    name: str,
+    tags: Mapping[str, str],
+    page: Mapping[str, str],
+    resume: str | None,
+) -> tuple[MlflowRun, Mapping[str, str]]:
+    """A run at its server or aside, and the parameters that it has if it goes on."""
+    uri, child = settings.uri, _CHILD.get()
+    name = name if child is None else child.name
+    tags = {**tags, **(child.tags if child else {})}
 
-    settings: MlflowSettings
-    name: str
-    tags: Mapping[str, str]
-    page: Mapping[str, str] | None
-    resume: str | None
-    child: ChildRun | None
-
-    def open(self) -> tuple[MlflowRun, Mapping[str, str]]:
-        """The run, and the parameters that it has if it goes on."""
-        uri, unsent = self.settings.uri, self.settings.unsent
-        try:
-            place, logged = self._open(uri, {})
-        except Exception as error:
-            if not is_unreachable(error):
-                raise
-            logging.getLogger(__name__).warning(
-                "MLflow's server %s is unreachable: the run is kept in %s; `hlp upload` sends it",
-                uri,
-                database_path(unsent),
-            )
-            place, logged = self._open(unsent, {SEND_TO: uri})
-            return MlflowRun(place), logged
-        if is_local(uri):
-            return MlflowRun(place), logged
-        aside = {SEND_TO: uri, CONTINUES: place.run_id}
-        return MlflowRun(place, lambda: self._open(unsent, aside)[0]), logged
-
-    def _open(self, uri: str, more: Mapping[str, str]) -> tuple[LoggedAs, Mapping[str, str]]:
-        """A new run with `more` tags, or an ended one that goes on, and the parameters of that."""
-        page = experiment_tags(self.settings.about) if self.page is None else self.page
-        client, experiment_id = open_experiment(uri, self.settings.experiment, page)
-        name, resume = self.name, self.resume
-        tags = {"mlflow.source.name": "hlp run", **owner_tags(), **self.tags, **more}
-        if self.child is not None:
-            name, resume = self.child.name, _same_child(client, experiment_id, self.child)
-            tags |= self.child.tags
+    def place(at: str, more: Mapping[str, str]) -> tuple[LoggedAs, Mapping[str, str]]:
+        client, experiment = open_experiment(at, settings.experiment, page)
+        known = resume if child is None else _same_child(client, experiment, child)
         is_aside = CONTINUES in more  # it is sent to the run at the server: a run of its own
-        logged = None if resume is None or is_aside else _reopen(client, resume)
-        if resume is None or logged is None:
-            created = client.create_run(experiment_id, run_name=name, tags=tags)
-            resume = str(created.info.run_id)
-        return LoggedAs(client, experiment_id, resume), logged or {}
+        logged = None if known is None or is_aside else _reopen(client, known)
+        if known is None or logged is None:
+            own = {"mlflow.source.name": "hlp run", **owner_tags(), **tags, **more}
+            known = str(client.create_run(experiment, run_name=name, tags=own).info.run_id)
+        return LoggedAs(client, experiment, known), logged or {}
+
+    try:
+        placed, logged = place(uri, {})
+    except Exception as error:
+        if not is_unreachable(error):
+            raise
+        logging.getLogger(__name__).warning(
+            "MLflow's server %s is unreachable: the run is kept in %s; `hlp upload` sends it",
+            uri,
+            database_path(settings.unsent),
+        )
+        placed, logged = place(settings.unsent, {SEND_TO: uri})
+        return MlflowRun(placed), logged
+    if is_local(uri):
+        return MlflowRun(placed), logged
+    aside = {SEND_TO: uri, CONTINUES: placed.run_id}
+    return MlflowRun(placed, lambda: place(settings.unsent, aside)[0]), logged
 
 
 @contextmanager

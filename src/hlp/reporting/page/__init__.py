@@ -7,14 +7,12 @@ from collections.abc import Callable, Mapping
 from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
-from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from hlp.files import MANIFEST, PAGE, SWEEP, write_text
 from hlp.reporting.results import run_command
-from hlp.reporting.summary_tables import MS_PER_FRAME, paper_recalls
 from hlp.results.recalls import CORRECT
 
 if TYPE_CHECKING:
@@ -74,10 +72,7 @@ def in_base64(path: Path) -> str:
 
 
 def run_verdict(summary: Mapping[str, Any]) -> str:
-    """How many targets were found, how sure that is, what most misses come from, and the time.
-
-    The paper's numbers follow if all objects are LINEMOD's.
-    """
+    """How many targets were found, how sure that is, what most misses come from, and the time."""
     add, targets = summary["metrics"]["add"], summary["targets"]
     right = round(add["recall"] * targets)
     low, high = add["ci95"]
@@ -92,10 +87,4 @@ def run_verdict(summary: Mapping[str, Any]) -> str:
     time = summary["timing_ms"].get("total", {}).get("median")
     if time is not None:
         words += f"; an object takes {time:.0f} ms"
-    if paper := paper_recalls([*summary["per_object"]]):
-        words += (
-            f". The paper: {fmean(paper):.3f} on the mean of these objects (LINEMOD's whole"
-            f" sequences), about {MS_PER_FRAME:.0f} ms a frame; ours is"
-            f" {summary['metrics']['add']['mean_object']:.3f} on that mean"
-        )
     return words + "."

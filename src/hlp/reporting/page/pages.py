@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from hlp.reporting.page.report_data import (
     ReportData,
     drawn_stages,
     picture_path,
-    read_report_data,
 )
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,
@@ -30,9 +30,8 @@ from hlp.reporting.summary_tables import (
     timing_words,
     waterfall_tables,
 )
-from hlp.reporting.sweep_report import differences_table, note_of, sweep_table
+from hlp.reporting.sweep_report import note_of, sweep_table
 from hlp.reporting.sweeps import Sweep, read_sweeps
-from hlp.reporting.table import Table, format_share
 from hlp.results.recalls import TargetKey, read_summary
 
 _MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
@@ -52,7 +51,7 @@ def write_run_page(folder: Path) -> Path:
     Raises MissingFileError and DataError for files that are absent or broken.
     """
     summary, manifest = read_summary(folder / SUMMARY), read_json(folder / MANIFEST)
-    targets, kept = read_targets(folder / SCORES), read_report_data(folder)
+    targets, kept = read_targets(folder / SCORES), ReportData.read(folder)
     stages, frames = drawn_stages(folder), sorted((folder / PANELS).glob("*_poses.jpg"))[:_FRAMES]
     room = _MOST_BYTES - sum(path.stat().st_size for path in (*stages.values(), *frames))
     pictures = _pictures(folder, kept, targets, room)
@@ -104,13 +103,12 @@ def _charts(
 ) -> dict[str, str]:
     """SVG in base64 by name; empty where there is nothing to draw."""
     targets = list(scores.values())
+    diameters = {name: float(wires.diameter_mm) for name, wires in kept.objects.items()}
     figures = {
         "objects": object_bars(summary),
-        "ad_curve": charts.ad_curve(targets, kept.diameters_mm),
-        "bop": charts.bop_curves(targets),
+        "ad_curve": charts.ad_curve(targets, diameters),
         "translation": charts.error_histogram(targets, "translation"),
         "rotation": charts.error_histogram(targets, "rotation"),
-        "distance": charts.error_by_distance(scores, kept.targets),
         "visibility": charts.visibility_bars(targets),
         "timing": charts.timing_bars(summary),
     }
@@ -154,11 +152,11 @@ def _pictures(
     """JPEGs in base64 by the targets' names, as many as there is room (bytes) for, misses first."""
     right = {key for key, target in scores.items() if target.correct("add")}
     pictures = {}
-    for key in sorted(kept.targets, key=lambda key: key in right):
-        path = picture_path(folder, kept.targets[key])
+    for scene in sorted(kept.targets, key=lambda scene: scene.key in right):
+        path = picture_path(folder, scene)
         room -= 0 if path is None else path.stat().st_size
         if path is not None and room >= 0:
-            pictures[_name(key)] = in_base64(path)
+            pictures[_name(scene.key)] = in_base64(path)
     return pictures
 
 
@@ -167,10 +165,10 @@ def _scenes(
 ) -> dict[str, dict[str, Any]]:
     """Models by object, and what is around each target that has a picture."""
     return {
-        "models": dict(kept.objects),
+        "models": {name: asdict(wires) for name, wires in kept.objects.items()},
         "targets": {
-            _name(key): {**scene, "object": targets[key].name}
-            for key, scene in kept.targets.items()
+            _name(key): {**asdict(scene), "object": targets[key].name}
+            for key, scene in kept.scenes.items()
             if key in targets
         },
     }
@@ -239,14 +237,12 @@ def write_sweep_page(folder: Path) -> Path:
             "name": sweep.name,
             "table": sweep_table(sweep),
             "best": next((i for i, run in enumerate(sweep.runs) if run is sweep.best), None),
-            "differences": differences_table(sweep),
             "links": [
                 f"{run.folder.name}/{PAGE}" if (run.folder / PAGE).is_file() else ""
                 for run in sweep.runs
             ],
             "note": note_of(sweep),
             "figures": _figures(folder, sweep),
-            "objects": objects_by_run(sweep),
         }
         for sweep in sweeps
     ]
@@ -268,16 +264,3 @@ def _figures(folder: Path, sweep: Sweep) -> dict[str, str]:
     captions |= {result.experiment: result.experiment for result in sweep.results}
     found = {words: folder / f"{name}.svg" for name, words in captions.items()}
     return {words: in_base64(path) for words, path in found.items() if path.is_file()}
-
-
-def objects_by_run(sweep: Sweep) -> Table | None:
-    """ADD(-S) recall of each object (rows) in each finished run (columns); None for studies."""
-    if not sweep.results:
-        return None
-    labels = [run.short_label for run in sweep.finished]
-    found = [result.summary["per_object"] for result in sweep.results]
-    rows = []
-    for name in dict.fromkeys(name for objects in found for name in objects):
-        scores = [objects.get(name) for objects in found]
-        rows.append([name, *(format_share(score and score["add"]["recall"]) for score in scores)])
-    return Table([f"{METRIC_LABELS['add']} of", *labels], rows)

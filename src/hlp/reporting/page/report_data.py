@@ -1,11 +1,11 @@
 """What a run keeps for its page beside its results: pictures and scenes of some targets.
 
-<run's folder>/report/index.json      objects and targets, see `ReportData`
+<run's folder>/report/index.json      `ReportData`
 <run's folder>/report/*.jpg           a picture of each of these targets
 """
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,7 +21,7 @@ from hlp.folders import inside
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel
-from hlp.reporting.figures.panels import write_picture
+from hlp.reporting.figures.panels import SeenTarget, write_picture
 from hlp.results.recalls import TargetKey
 from hlp.schemas import Id
 from hlp.settings import Positive, Stored, read_as
@@ -34,7 +34,6 @@ CAPTIONS = {
     "training_windows": "Region: what the classifier is trained on",
     "nearest_entries": "Votes: patches of images and the most similar codebook entries",
     "swarm_costs": "Refinement: costs of the poses that the swarm tries",
-    "missed_swarm_costs": "Refinement: the same for targets that were missed",
 }
 """What each picture of the stages shows, by its name without ending, in the order of the stages."""
 _INDEX = "index.json"
@@ -53,8 +52,8 @@ def drawn_stages(run: Path) -> dict[str, Path]:
 
 
 @dataclass(frozen=True)
-class _Object(Stored):
-    """A model in the 3D view."""
+class Wires(Stored):
+    """An object in the 3D view: its mesh in mm."""
 
     diameter_mm: Positive
     vertices: list[Any]
@@ -62,8 +61,12 @@ class _Object(Stored):
 
 
 @dataclass(frozen=True)
-class _Target(Stored):
-    """A target in the 3D view."""
+class Scene(Stored):
+    """A target in the 3D view.
+
+    `points` (int16, tenths of a mm from the `middle`) and `colors` (uint8) are in base64; `middle`,
+    `truth` and `estimate` (16 numbers row by row) are in mm.
+    """
 
     key: tuple[Id, Id, Id, Id]
     picture: str
@@ -75,112 +78,72 @@ class _Target(Stored):
 
 
 @dataclass(frozen=True)
-class _Index(Stored):
-    """What index.json must say."""
+class ReportData(Stored):
+    """Objects by name, and targets; empty for runs that kept none."""
 
-    objects: dict[str, _Object]
-    targets: list[_Target]
+    objects: dict[str, Wires] = field(default_factory=dict)
+    targets: list[Scene] = field(default_factory=list)
 
+    @classmethod
+    def read(cls, run: Path) -> "ReportData":
+        """What a run has kept for its page. Raises DataError for a broken index."""
+        path = run / FOLDER / _INDEX
+        return read_as(path, cls) if path.is_file() else cls()
 
-@dataclass(frozen=True)
-class ReportData:
-    """Plain values for the page's script; empty for runs that kept none.
-
-    `objects` by name: `diameter_mm`, `vertices` (mm), `edges`. `targets` by key: name of the
-    `picture`, and the scene: its `middle` (mm), `points` (int16, tenths of a mm from there) and
-    `colors` (uint8) in base64, `truth` and `estimate` (16 numbers row by row, mm).
-    """
-
-    objects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    targets: Mapping[TargetKey, Mapping[str, Any]] = field(default_factory=dict)
+    def write(self, run: Path) -> None:
+        """Write it where `read` finds it."""
+        write_json(run / FOLDER / _INDEX, asdict(self))
 
     @property
-    def diameters_mm(self) -> dict[str, float]:
-        """Diameter of each object by name."""
-        return {name: float(values["diameter_mm"]) for name, values in self.objects.items()}
+    def scenes(self) -> dict[TargetKey, Scene]:
+        """The targets by key."""
+        return {target.key: target for target in self.targets}
 
 
-def read_report_data(run: Path) -> ReportData:
-    """What a run has kept for its page; empty where that is nothing.
-
-    Raises DataError for a broken index.
-    """
-    path = run / FOLDER / _INDEX
-    if not path.is_file():
-        return ReportData()
-    index = read_as(path, _Index)
-    objects = {name: asdict(kept) for name, kept in index.objects.items()}
-    return ReportData(objects, {target.key: asdict(target) for target in index.targets})
-
-
-def picture_path(run: Path, target: Mapping[str, Any]) -> Path | None:
+def picture_path(run: Path, target: Scene) -> Path | None:
     """A target's picture; None where there is none, or the file is no JPEG.
 
     Raises DataError where the index names a file outside of the report's folder.
     """
-    path = inside(run / FOLDER, str(target["picture"]))
+    path = inside(run / FOLDER, target.picture)
     if not path.is_file():
         return None
     with path.open("rb") as stream:
         return path if stream.read(len(_JPEG)) == _JPEG else None
 
 
-class ReportDataWriter:
-    """Writes what a run keeps for its page into its folder, in place of what was there.
+def keep_target(run: Path, key: TargetKey, picture: Rgb, seen: SeenTarget) -> Scene:
+    """Write a target's picture (RGB); its true and found poses, and what is around them."""
+    true, found = seen.truth.pose_cam_obj, seen.pose
+    scene, image, object_id, instance = key
+    name = f"{scene:06d}_{image:06d}_{object_id}_{instance}.jpg"
+    size = (_WIDTH, round(picture.shape[0] * _WIDTH / picture.shape[1]))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    write_picture(run / FOLDER / name, np.asarray(small, dtype=np.uint8), _QUALITY)
+    poses = [true] if found is None else [true, found]
+    points, colors = scene_around(seen.frame, seen.model, poses)
+    middle = MILLIMETRES_PER_METRE * true[:3, 3]
+    places = np.rint(_UNITS * (MILLIMETRES_PER_METRE * points - middle))
+    return Scene(
+        key=key,
+        picture=name,
+        middle=np.round(middle, 2).tolist(),
+        points=_text(np.clip(places, -32768, 32767).astype("<i2")),
+        colors=_text(colors),
+        truth=_motion(true),
+        estimate=None if found is None else _motion(found),
+    )
 
-    Raises OSError where it cannot be written.
-    """
 
-    def __init__(self, run: Path) -> None:
-        self._folder = run / FOLDER
-        self._targets: list[dict[str, Any]] = []
-        for old in self._folder.glob("*.jpg"):
-            old.unlink()
-
-    def add_target(
-        self,
-        key: TargetKey,
-        picture: Rgb,
-        frame: Frame,
-        model: ObjectModel,
-        poses: tuple[Pose, Pose | None],
-    ) -> None:
-        """Keep a target's picture (RGB), its true and found poses, and what is around them."""
-        true, found = poses
-        scene, image, object_id, instance = key
-        name = f"{scene:06d}_{image:06d}_{object_id}_{instance}.jpg"
-        size = (_WIDTH, round(picture.shape[0] * _WIDTH / picture.shape[1]))
-        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-        write_picture(self._folder / name, np.asarray(small, dtype=np.uint8), _QUALITY)
-        points, colors = scene_around(frame, model, [true] if found is None else [true, found])
-        middle = MILLIMETRES_PER_METRE * true[:3, 3]
-        offsets = _UNITS * (MILLIMETRES_PER_METRE * points - middle)
-        places = np.clip(np.rint(offsets), -32768, 32767).astype("<i2")
-        self._targets.append(
-            {
-                "key": list(key),
-                "picture": name,
-                "middle": np.round(middle, 2).tolist(),
-                "points": _text(places),
-                "colors": _text(colors),
-                "truth": _motion(true),
-                "estimate": None if found is None else _motion(found),
-            }
-        )
-
-    def write(self, models: Sequence[ObjectModel]) -> None:
-        """Write the index, with the diameter and a coarse mesh of each object."""
-        objects = {}
-        for model in models:
-            mesh = decimate(model.proxy, _FACES)
-            faces = mesh.faces
-            sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-            objects[model.name] = {
-                "diameter_mm": round(MILLIMETRES_PER_METRE * model.diameter, 3),
-                "vertices": np.round(MILLIMETRES_PER_METRE * mesh.vertices, 1).tolist(),
-                "edges": np.unique(np.sort(sides, axis=1), axis=0).tolist(),
-            }
-        write_json(self._folder / _INDEX, {"objects": objects, "targets": self._targets})
+def wires_of(model: ObjectModel) -> Wires:
+    """The edges of an object's coarse mesh."""
+    mesh = decimate(model.proxy, _FACES)
+    sides = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    return Wires(
+        diameter_mm=round(MILLIMETRES_PER_METRE * model.diameter, 3),
+        vertices=np.round(MILLIMETRES_PER_METRE * mesh.vertices, 1).tolist(),
+        edges=np.unique(np.sort(sides, axis=1), axis=0).tolist(),
+    )
 
 
 def scene_around(

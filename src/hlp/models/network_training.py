@@ -1,23 +1,156 @@
-"""Training of the encoders that are networks: contrastively, or as the paper's autoencoder.
+"""Networks in training: the holistic classifier, the contrastive encoder and the autoencoder.
 
-The two patches of a pair show the same surface point in neighbouring views, one clean and one
-degraded. InfoNCE (van den Oord et al., 2018) replaces the paper's reconstruction objective:
-reconstruction keeps light and clutter in the feature, InfoNCE removes them.
+The paper (Fig. 3, Fig. 6) does not give the layer sizes. The two patches of a pair show the same
+surface point in neighbouring views, one clean and one degraded. InfoNCE (van den Oord et al., 2018)
+replaces the paper's reconstruction objective: reconstruction keeps light and clutter in the
+feature, InfoNCE removes them.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import pytorch_lightning as pl
 import torch
 from pytorch_lightning.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.optim import AdamW, Optimizer
+from torch.optim.lr_scheduler import OneCycleLR
 
-from hlp.models.encoder import RESOLUTION, normals_with_depth
-from hlp.models.one_cycle import OneCycleModule
+from hlp.models import classifier, encoder
+from hlp.models.encoder import normals_with_depth
 
 if TYPE_CHECKING:  # they import this module to train, which takes torch
+    from hlp.models.classifier import ClassifierSettings
     from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
+
+
+class OneCycleModule(pl.LightningModule):
+    """A network in training by AdamW; the rate rises during the first share `rise` of all steps."""
+
+    network: Any
+    """The network; its `layers` are applied one after the other."""
+
+    def __init__(self, learning_rate: float, weight_decay: float, rise: float) -> None:
+        super().__init__()
+        self.learning_rate, self.weight_decay, self.rise = learning_rate, weight_decay, rise
+
+    def images(self, batch: Any) -> Tensor:
+        """The network's input (n, c, p, p) for a batch."""
+        raise NotImplementedError
+
+    def adamw(self) -> AdamW:
+        """The optimizer of all parameters, at its highest rate."""
+        return AdamW(self.parameters(), lr=self.learning_rate, weight_decay=self.weight_decay)
+
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        """AdamW with one cycle over the whole training."""
+        steps = int(self.trainer.estimated_stepping_batches)
+        return one_cycle(self.adamw(), self.learning_rate, steps, self.rise)
+
+    def log_means(self, values: dict[str, Tensor], batch_size: int | None = None) -> None:
+        """Log the means over each epoch."""
+        self.log_dict(values, on_step=False, on_epoch=True, batch_size=batch_size)
+
+
+def one_cycle(
+    optimizer: Optimizer, learning_rate: float, steps: int, rise: float
+) -> OptimizerLRScheduler:
+    """The optimizer with one cycle over all `steps`: up to the rate, then down to nothing."""
+    if rise * steps == 1.0:  # OneCycleLR would divide by the length of the rise, 0
+        rise *= 2.0
+    schedule = OneCycleLR(optimizer, learning_rate, total_steps=steps, pct_start=rise)
+    return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+class HolisticCNN(nn.Module):
+    """Strided convolutions, then two dense layers: (n, c, 64, 64) in [-1, 1] → (n, classes)."""
+
+    def __init__(
+        self, channels: int, classes: int, widths: Sequence[int], hidden: int, dropout: float
+    ) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        previous = channels
+        for depth, width in enumerate(widths):
+            kernel = 5 if depth == 0 else 3
+            layers += [
+                nn.Conv2d(previous, width, kernel, stride=2, padding=kernel // 2, bias=False),
+                nn.BatchNorm2d(width),
+                nn.ReLU(inplace=True),
+            ]
+            previous = width
+        self.features = nn.Sequential(*layers)
+        side = classifier.RESOLUTION // 2 ** len(widths)
+        self.head = nn.Sequential(
+            nn.Flatten(),
+            nn.Dropout(dropout),
+            nn.Linear(previous * side * side, hidden),
+            nn.ReLU(inplace=True),
+            nn.Dropout(dropout),
+            nn.Linear(hidden, classes),
+        )
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Class scores (n, classes) before the softmax."""
+        return torch.as_tensor(self.head(self.features(images)))
+
+    @property
+    def layers(self) -> list[nn.Module]:
+        """The layers in their order."""
+        return [*self.features, *self.head]
+
+
+class HolisticClassifier(OneCycleModule):
+    """Trains `HolisticCNN` by cross-entropy. Class 0 is background."""
+
+    def __init__(self, settings: "ClassifierSettings", channels: int, classes: int) -> None:
+        super().__init__(settings.learning_rate, settings.weight_decay, rise=0.2)
+        self.network = HolisticCNN(
+            channels, classes, settings.widths, settings.hidden, settings.dropout
+        )
+
+    def images(self, batch: tuple[Tensor, Tensor]) -> Tensor:
+        """The network's input (n, c, 64, 64) for a batch."""
+        return batch[0]
+
+    def training_step(self, batch: tuple[Tensor, Tensor], _: int) -> Tensor:
+        """Cross-entropy of one batch; logs loss and accuracy per epoch."""
+        images, labels = batch
+        scores = self.network(images)
+        loss = functional.cross_entropy(scores.float(), labels, label_smoothing=0.02)
+        accuracy = (scores.argmax(dim=1) == labels).float().mean()
+        self.log_means({"loss": loss, "accuracy": accuracy})
+        return loss
+
+
+def raise_background(network: HolisticCNN, odds: float) -> None:
+    """Multiply the odds of background against every object by a factor, at every window.
+
+    It corrects for objects that are more frequent in training than among the windows of an image.
+    """
+    last = network.layers[-1]
+    assert isinstance(last, nn.Linear)
+    with torch.no_grad():
+        last.bias[0] += math.log(odds)
+
+
+def copy_weights(
+    network: HolisticCNN, weights: Mapping[str, Tensor], labels: Mapping[int, int]
+) -> None:
+    """Copy the weights of a network with fewer classes into a new one.
+
+    `labels` maps each class of the other network to a class of this one. The weights of further
+    classes stay as they are.
+    """
+    own, last = network.state_dict(), f"head.{len(network.head) - 1}."
+    before, now = list(labels), list(labels.values())
+    for name, value in weights.items():
+        if name.startswith(last):
+            own[name][now] = value[before]
+        else:
+            own[name].copy_(value)
 
 
 class PatchEncoder(nn.Module):
@@ -34,7 +167,7 @@ class PatchEncoder(nn.Module):
                 nn.LeakyReLU(0.1, inplace=True),
             ]
             previous = width
-        self.side = RESOLUTION // 2 ** len(widths)
+        self.side = encoder.RESOLUTION // 2 ** len(widths)
         self.convolutions = nn.Sequential(*layers)
         self.dense = nn.Linear(previous * self.side**2, dimension)
 
@@ -56,7 +189,7 @@ class PatchDecoder(nn.Module):
 
     def __init__(self, widths: Sequence[int], dimension: int) -> None:
         super().__init__()
-        self.side = RESOLUTION // 2 ** len(widths)
+        self.side = encoder.RESOLUTION // 2 ** len(widths)
         back = tuple(widths)[::-1]
         self.expand = nn.Linear(dimension, back[0] * self.side**2)
         layers: list[nn.Module] = []
@@ -71,11 +204,12 @@ class PatchDecoder(nn.Module):
         return torch.as_tensor(self.convolutions(start))
 
 
-class ContrastiveEncoder(OneCycleModule["ContrastiveSettings"]):
+class ContrastiveEncoder(OneCycleModule):
     """Trains `PatchEncoder` so that the patches of a pair are each other's nearest neighbours."""
 
     def __init__(self, settings: "ContrastiveSettings") -> None:
-        super().__init__(settings, rise=0.1)
+        super().__init__(settings.learning_rate, settings.weight_decay, rise=0.1)
+        self.settings = settings
         self.network = PatchEncoder(settings.widths, settings.dimension)
 
     def images(self, batch: dict[str, Any]) -> Tensor:
@@ -109,11 +243,12 @@ class ContrastiveEncoder(OneCycleModule["ContrastiveSettings"]):
         return torch.as_tensor(near & ~torch.eye(len(near), dtype=torch.bool, device=near.device))
 
 
-class Autoencoder(OneCycleModule["AutoencoderSettings"]):
+class Autoencoder(OneCycleModule):
     """Encoder to a feature and mirrored decoder back to the patch; trained on the squared error."""
 
     def __init__(self, settings: "AutoencoderSettings") -> None:
-        super().__init__(settings, rise=0.1)
+        super().__init__(settings.learning_rate, settings.weight_decay, rise=0.1)
+        self.settings = settings
         self.network = PatchEncoder(settings.widths, settings.dimension)
         self.decoder = PatchDecoder(settings.widths, settings.dimension)
 

@@ -1,4 +1,4 @@
-"""Losses and learning rates of the contrastive encoder and of the autoencoder."""
+"""Losses and learning rates of the networks, and that training works."""
 
 from dataclasses import replace
 
@@ -8,20 +8,114 @@ import pytorch_lightning as pl
 import torch
 from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, TensorDataset
 
+from hlp.models.classifier import ClassifierSettings
 from hlp.models.encoder import patch_input
-from hlp.models.encoder_training import Autoencoder, ContrastiveEncoder, encoder_input
 from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
+from hlp.models.network_training import (
+    Autoencoder,
+    ContrastiveEncoder,
+    HolisticClassifier,
+    HolisticCNN,
+    copy_weights,
+    encoder_input,
+    one_cycle,
+    raise_background,
+)
 from view_records import random_patches
 
 # Steps are called without a trainer: their logging has nowhere to go, and says so.
 pytestmark = pytest.mark.filterwarnings("ignore:.*self.trainer.*:UserWarning")
 
+CNN = ClassifierSettings("cnn", (6, 8), 16, 0.1, 0.01, 0.0, 8, 16)
 SETTINGS = ContrastiveSettings(
     "contrastive", "normals_depth", 12, (6, 8), 0.1, 15.0, 20.0, 3e-3, 0.0, 1, 8
 )
+CAE = AutoencoderSettings("cae", "rgbd", 16, (8, 16), 3e-3, 0.0, 1, 32, 100)
 COUNT = 8
+
+
+def fitted(module, batches, epochs):
+    trainer = pl.Trainer(
+        accelerator="cpu", max_epochs=epochs, logger=False, enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    )  # fmt: skip
+    trainer.fit(module, batches)
+    return trainer
+
+
+def test_training_tells_classes_apart():
+    torch.manual_seed(0)
+    labels = torch.arange(48) % 3
+    images = torch.randn(48, 3, 64, 64) * 0.1
+    images[torch.arange(48), labels] += 0.5  # each class in a channel of its own
+    module = HolisticClassifier(CNN, 3, 3)
+    loader = DataLoader(TensorDataset(images, labels), batch_size=16)
+
+    def right():
+        with torch.no_grad():
+            found = module.network.eval()(images)
+        return (found.argmax(dim=1) == labels).float().mean()
+
+    before = right()
+    module.train()
+    trainer = fitted(module, loader, 8)
+    assert before < 0.7
+    assert right() > 0.95
+    assert trainer.callback_metrics.keys() == {"loss", "accuracy"}
+    (optimizer,) = trainer.optimizers
+    assert optimizer.param_groups[0]["lr"] < CNN.learning_rate / 100  # the cycle has ended
+
+
+def test_weights_are_carried_over_class_by_class():
+    torch.manual_seed(0)
+    before, now = HolisticCNN(4, 3, (8, 8), 16, 0.0), HolisticCNN(4, 5, (8, 8), 16, 0.0)
+    fresh = {name: value.clone() for name, value in now.state_dict().items()}
+    copy_weights(now, before.state_dict(), {0: 0, 1: 2, 2: 4})
+    images = torch.rand(6, 4, 64, 64)
+    with torch.no_grad():
+        expected, found = before.eval()(images), now.eval()(images)
+    torch.testing.assert_close(found[:, [0, 2, 4]], expected)
+    last = list(fresh)[-2]
+    torch.testing.assert_close(now.state_dict()[last][[1, 3]], fresh[last][[1, 3]])
+
+
+def test_raising_the_background_divides_every_objects_odds():
+    torch.manual_seed(0)
+    network = HolisticCNN(3, 3, (4, 4), 8, 0.0).eval()
+    images = torch.rand(5, 3, 64, 64)
+    with torch.no_grad():
+        before = network(images).softmax(dim=1)
+        raise_background(network, 8.0)
+        after = network(images).softmax(dim=1)
+    torch.testing.assert_close(after[:, 1:] / after[:, :1], before[:, 1:] / before[:, :1] / 8.0)
+    torch.testing.assert_close(after[:, 1] / after[:, 2], before[:, 1] / before[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("windows", "epochs"), [(16 * 100, 8), (16 * 25, 8), (16 * 20 + 3, 10), (5, 200)]
+)
+def test_few_windows_are_shown_in_more_epochs(windows, epochs):
+    settings = replace(CNN, epochs=8, batch_size=16, min_batches=200)
+    assert settings.epochs_for(windows) == epochs
+
+
+@pytest.mark.parametrize("rise", [0.1, 0.2])
+@pytest.mark.parametrize("steps", [1, 2, 5, 9, 10, 11, 20, 100])
+def test_the_rate_rises_and_falls_to_nothing(steps, rise):
+    optimizer = torch.optim.AdamW([torch.zeros(1, requires_grad=True)], lr=1.0)
+    schedule = one_cycle(optimizer, 1.0, steps, rise)["lr_scheduler"]["scheduler"]
+    rates = []
+    for _ in range(steps):
+        rates.append(optimizer.param_groups[0]["lr"])
+        optimizer.step()
+        schedule.step()
+    assert all(0.0 <= rate <= 1.0 for rate in rates)
+    if steps >= 20:
+        top = rates.index(max(rates))
+        assert max(rates) > 0.9 and abs(top - rise * steps) <= 2 and rates[-1] < 0.05
+        assert rates[:top] == sorted(rates[:top]) and rates[top:] == sorted(rates[top:])[::-1]
 
 
 def make_batch(seed=0):
@@ -123,9 +217,6 @@ def test_training_sees_patches_as_detection_does(kind):
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
 
 
-CAE = AutoencoderSettings("cae", "rgbd", 16, (8, 16), 3e-3, 0.0, 1, 32, 100)
-
-
 def smooth_patches(count=32):
     """Patches of smooth colour and tilted depth."""
     gen = torch.Generator().manual_seed(0)
@@ -146,37 +237,25 @@ def test_a_reconstruction_has_the_shape_of_its_patch(widths):
     assert images.shape == (2, 4, 32, 32) and images.abs().max() <= 1
 
 
-def test_loss_is_the_mean_squared_error_of_colour_and_depth():
+@pytest.mark.parametrize("varied_light", [False, True])
+def test_loss_is_the_mean_squared_error_against_the_patch_as_it_was(varied_light):
     torch.manual_seed(0)
-    module = Autoencoder(CAE).eval()
-    batch = smooth_patches(4)
-    color = batch["color"].permute(0, 3, 1, 2) / 127.5 - 1
-    images = torch.cat([color, batch["depth"][:, None]], dim=1)
-    expected = ((module(images) - images) ** 2).mean()
+    module, batch = Autoencoder(CAE).eval(), smooth_patches(4)
+    depth, color = batch["depth"][:, None], batch["color"].permute(0, 3, 1, 2) / 255.0
+    wanted = torch.cat([color * 2 - 1, depth], dim=1)
+    given = wanted
+    if varied_light:
+        batch["seen"] = torch.rand((4, 3, 32, 32), generator=torch.Generator().manual_seed(1))
+        given = torch.cat([batch["seen"] * 2 - 1, depth], dim=1)
+    expected = ((module(given) - wanted) ** 2).mean()
     torch.testing.assert_close(module.training_step(batch, 0), expected)
 
 
-def test_patches_under_another_light_are_to_become_the_patches_as_they_were():
-    torch.manual_seed(0)
-    module = Autoencoder(CAE).eval()
-    batch = smooth_patches(4)
-    seen = torch.rand((4, 3, 32, 32), generator=torch.Generator().manual_seed(1))
-    depth = batch["depth"][:, None]
-    given = torch.cat([seen * 2 - 1, depth], dim=1)
-    wanted = torch.cat([batch["color"].permute(0, 3, 1, 2) / 127.5 - 1, depth], dim=1)
-    expected = ((module(given) - wanted) ** 2).mean()
-    torch.testing.assert_close(module.training_step({**batch, "seen": seen}, 0), expected)
-
-
-@pytest.mark.parametrize("one_cycle", [False, True])
-def test_the_rate_is_constant_or_falls_to_nothing(one_cycle):
-    settings = replace(CAE, one_cycle=one_cycle)
+@pytest.mark.parametrize("cycle", [False, True])
+def test_the_rate_is_constant_or_falls_to_nothing(cycle):
+    settings = replace(CAE, one_cycle=cycle)
     module = Autoencoder(settings)
-    trainer = pl.Trainer(
-        accelerator="cpu", max_epochs=20, logger=False, enable_checkpointing=False,
-        enable_progress_bar=False, enable_model_summary=False,
-    )  # fmt: skip
-    trainer.fit(module, DataLoader([smooth_patches()], batch_size=None))
+    trainer = fitted(module, DataLoader([smooth_patches()], batch_size=None), 20)
     (optimizer,) = trainer.optimizers
     rate = optimizer.param_groups[0]["lr"]
-    assert rate < settings.learning_rate / 100 if one_cycle else rate == settings.learning_rate
+    assert rate < settings.learning_rate / 100 if cycle else rate == settings.learning_rate

@@ -1,0 +1,38 @@
+import http.client
+import urllib.request
+
+import pytest
+
+from hlp.errors import InputError
+from hlp.runs.live import PicturePage
+
+
+def test_the_page_shows_the_last_picture_to_this_machine_alone(capsys):
+    page = PicturePage(0)
+    port = page.server_address[1]
+    try:
+        assert page.address == f"http://127.0.0.1:{port}/"
+        with urllib.request.urlopen(page.address) as shown:  # noqa: S310
+            assert b"picture.jpg" in shown.read()
+        for picture, host, status in (
+            (b"", "localhost", 404),
+            (b"first", "localhost", 200),
+            (b"second", "127.0.0.1", 200),
+            (b"second", "localhost:9", 200),  # forwarded
+            (b"second", f"evil.example:{port}", 403),
+            (b"second", "", 403),
+        ):
+            page.picture = picture
+            asked = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+            asked.request("GET", "/picture.jpg?1", headers={"Host": host})
+            answer = asked.getresponse()
+            assert answer.status == status and (answer.read() == picture) == (status == 200)
+            assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+            asked.close()
+        with pytest.raises(InputError, match=f"page={port}: .*give another port"):
+            PicturePage(port)
+    finally:
+        page.close()
+    with pytest.raises(InputError, match="page=99999"):
+        PicturePage(99999)
+    assert "Traceback" not in capsys.readouterr().err
