@@ -85,7 +85,7 @@ def write_bop_set(name: str, root: Path, width: int = 320) -> Layout:
         _cropped(data.frames.load(key), 4 * number) for number, key in enumerate(data.frames.keys)
     ]
     often = Counter(i for frame in frames[:2] for i in {t.object_id for t in frame.targets})
-    others = [i for i, _ in often.most_common() if i != BOWL]
+    others = [i for i, _ in often.most_common() if layout.bin or i != BOWL]
     kept = sorted(others[:2] if layout.bin else [BOWL, others[0]])
     for folder, colors in layout.models.items():
         _write_models(root / folder, [data.models[i] for i in kept], colors)

@@ -19,6 +19,7 @@ from hlp.data.bop_models import (
     evaluation_meshes,
     find_split,
     find_targets_file,
+    list_objects,
     load_object_models,
     name_objects,
 )
@@ -73,6 +74,13 @@ class BopSettings(FolderSettings):
         Interval(ge=0, le=1),
         Doc("instances whose stated visible fraction is less are no targets (BOP's lists: 0.1)"),
     ] = 0.0
+    search: Annotated[
+        Literal["targets", "all"],
+        Doc(
+            "targets: in each frame, what its targets name (BOP's localization); all: every object "
+            "of the data set, the number of instances not being known (BOP's detection)"
+        ),
+    ] = "targets"
     empty: Annotated[
         str | None,
         Doc(
@@ -94,15 +102,20 @@ class BopSettings(FolderSettings):
         given = self._models(root, self.objects) if self.objects else None
         split = find_split(root) if self.split == AUTO else self.split
         existing_folder("data.split", str(root / split))
-        listed = find_targets_file(root, split) if self.targets == AUTO else self.targets
-        frames = BopFrames(root, split, listed, given, self.min_visible, self.max_megapixels)
+        every = self.search == "all"
+        years = (24, 19) if every else (19, 24)
+        listed = find_targets_file(root, split, years) if self.targets == AUTO else self.targets
+        of = root, split, listed, given, self.min_visible, self.max_megapixels
+        frames = BopFrames(*of, every_frame=every)
         ids = tuple(sorted({i for counts in frames.targets.values() for i in counts}))
+        ids = (tuple(given) if given else list_objects(root)) if every else ids
         models = given or self._models(root, name_objects(root, ids))
         return Dataset(
             models,
             ids,
             frames,
             **vars(images),
+            search_all=every,
             settings=self,
             evaluation_mesh_files=evaluation_meshes(root, models),
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),
@@ -121,7 +134,9 @@ class BopFrames(FileFrames):
 
     Only objects of `object_ids` are targets (None: all), and only instances that are visible to at
     least `min_visible`, where the data set states it. If more instances are annotated than are to
-    be found, the most visible ones are the targets.
+    be found, the most visible ones are the targets. Where BOP keeps the true poses private, frames
+    have none, and `stated_targets` says what is to be found. With `every_frame`, listed frames
+    without a target are kept.
     """
 
     def __init__(
@@ -132,11 +147,13 @@ class BopFrames(FileFrames):
         object_ids: Collection[int] | None = None,
         min_visible: float = 0.0,
         max_megapixels: float = MAX_MEGAPIXELS,
+        every_frame: bool = False,
     ) -> None:
         super().__init__(Path(root) / split, max_megapixels)
         self._targets_file = None if targets_file is None else Path(root) / targets_file
         self._object_ids = None if object_ids is None else frozenset(object_ids)
         self._min_visible = min_visible
+        self._every_frame = every_frame
 
     @cached_property
     def targets(self) -> dict[FrameId, dict[int, int]]:
@@ -147,7 +164,7 @@ class BopFrames(FileFrames):
         for frame, counts in sorted(listed.items()):
             kept = {i: count for i, count in counts.items() if ids is None or i in ids}
             scene = self._scenes.get(frame[0])
-            if kept or (scene is not None and scene.is_broken(frame[1])):
+            if self._every_frame or kept or (scene is not None and scene.is_broken(frame[1])):
                 chosen[frame] = kept
         if not chosen:
             named = "any object" if ids is None else f"objects {sorted(ids)}"
@@ -222,7 +239,8 @@ class BopFrames(FileFrames):
         scene_id, frame_id = parse_frame_key(key)
         scene = self._scene(scene_id)
         camera, where = scene.camera(frame_id), scene.where(frame_id)
-        found = most_visible(scene.targets(frame_id), self._entries[key], where)
+        counts = self._entries[key]
+        found = most_visible(scene.targets(frame_id), counts, where) if scene.annotated else ()
         return StatedFrame(
             scene.image(COLOR, frame_id),
             scene.image(DEPTH, frame_id),

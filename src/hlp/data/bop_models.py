@@ -23,7 +23,7 @@ from hlp.rendering.surface import sample_surface
 from hlp.schemas import exact_rotation
 from hlp.settings import read_as, stored_as
 
-_FOLDERS = ("models", "models_eval")
+_FOLDERS = ("models", "models_cad", "models_eval")
 _INFO = "models_info.json"
 _NAMES = "names.json"
 _NAME = re.compile(r"\w[\w .+-]*")  # it becomes the name of files
@@ -35,7 +35,7 @@ _ROUNDING = 0.01  # of symmetries, which people write by hand
 def load_object_models(
     root: Path, objects: Mapping[str, ObjectSettings], proxy_faces: int, symmetry_steps: int
 ) -> dict[int, ObjectModel]:
-    """Object models by id, from `models` or else from `models_eval`, whose meshes lack colours.
+    """Object models by id, from the first of `_FOLDERS` that has it; those of `models_eval` lack colours.
 
     Diameters and symmetries come from `models_info.json` if there is one; continuous symmetries are
     discretised into `symmetry_steps` rotations. A file that states no symmetry of any object says
@@ -140,9 +140,15 @@ def name_objects(root: Path, object_ids: Iterable[int]) -> dict[str, ObjectSetti
     return objects
 
 
+def list_objects(root: Path) -> tuple[int, ...]:
+    """Ids of all objects that have a mesh."""
+    names = (path.stem for folder in _FOLDERS for path in (root / folder).glob("obj_*.ply"))
+    return tuple(sorted({int(name[4:]) for name in names if name[4:].isdecimal()}))
+
+
 def evaluation_meshes(root: Path, object_ids: Iterable[int]) -> dict[int, Path]:
     """Files in `models_eval`, on which BOP measures errors, of those objects that have one."""
-    paths = {i: _file(root, _FOLDERS[1], i) for i in object_ids}
+    paths = {i: _file(root, _FOLDERS[-1], i) for i in object_ids}
     return {i: path for i, path in paths.items() if path.is_file()}
 
 
@@ -156,7 +162,7 @@ def _mesh_path(root: Path, name: str, object_id: int) -> Path:
     if found is None:
         raise MissingFileError(
             f"no mesh of object {object_id} ({name}), tried "
-            f"{' and '.join(map(str, paths))}: check data.root and data.objects"
+            f"{', '.join(map(str, paths))}: check data.root and data.objects"
         )
     return found
 
@@ -185,13 +191,13 @@ def find_split(root: Path) -> str:
     return (with_poses or found)[0]
 
 
-def find_targets_file(root: Path, split: str) -> str | None:
-    """BOP's list of targets for a split, if there is one.
+def find_targets_file(root: Path, split: str, years: Sequence[int] = (19, 24)) -> str | None:
+    """BOP's list of targets for a split, the first of these `years` if there is one.
 
     The list of 2019 states the objects and their numbers, that of 2024 only the frames.
     """
     kind = split.partition("_")[0]
-    names = [f"{kind}_targets_bop{year}.json" for year in (19, 24)]
+    names = [f"{kind}_targets_bop{year}.json" for year in years]
     return next((name for name in names if (root / name).is_file()), None)
 
 

@@ -117,6 +117,8 @@ class Scene:
 
         Also of a frame whose annotations are broken, as far as they can be read.
         """
+        if not self.annotated:
+            return []
         parts = (self._entry(name, frame_id)[0] for name in (TRUTH, _INFO))
         entries, infos = (part if isinstance(part, list) else [] for part in parts)
         found = []

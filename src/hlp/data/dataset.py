@@ -138,6 +138,8 @@ class Dataset(TrainingImages):
     def instances_to_find(self, frame: Frame) -> dict[int, int]:
         """Objects to look for in a frame, by id, and the largest number of instances of each."""
         counts = Counter(target.object_id for target in frame.targets)
+        if not counts and isinstance(self.frames, CheckedFrames):  # true poses may be private
+            counts = Counter(object_id for object_id, _ in self.frames.stated_targets(frame.key))
         others = self.target_ids if self.search_all else ()
         return dict(counts) | {i: 1 for i in others if i not in counts}
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from hlp.config.build import Run
 from hlp.data.dataset import CheckedFrames
+from hlp.evaluation.average_precision import average_precision
 from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import count_false_alarms, scores_in_vain, summarise
 from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
@@ -37,6 +38,7 @@ from hlp.stages.frame_task import render_in_workers
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 
+_NO_TRUTH = "Poses are found, not scored: the data set states no true poses."
 _logger = logging.getLogger(__name__)
 
 
@@ -46,7 +48,9 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     `output` receives summary.json, scores.csv, poses.csv, panels/, stages/, report/, manifest.json
     and, drawn from these, report.html; experiments of the paper's tables also the table. Everything
     is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises DataError
-    if no frame can be used; with `on_bad_frame` "report", single ones count as missed.
+    if no frame can be used; with `on_bad_frame` "report", single ones count as missed. Where no true
+    pose is known (BOP keeps some private) there are poses.csv and manifest.json alone, and the
+    summary is empty.
     """
     settings = run.settings
     with begun(run, output) as (store, tracker):
@@ -58,18 +62,20 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         trained = log_training(detection.training, tracker)
         run.require_some(detection.failed)
         timing = measure_times(run, detection, estimates)
-        in_vain = _search_empty(run, detection)
-        summary = _score(run, detection, estimates, notes, timing, in_vain, output)
-        tracker.log_metrics(summary_metrics(summary))
+        write_poses(output / POSES, estimates)
+        known = any(noted.truth.targets for noted in notes)
+        summary = _score(run, detection, estimates, notes, timing, output) if known else {}
+        tracker.log_metrics(summary_metrics(summary) if known else {})
         digest = {"poses": poses_digest(output / POSES)}
         write_json(output / MANIFEST, make_manifest(run, store) | digest)
         if settings.name in TABLES:
             write_reports(output)
-        page_or_log(write_run_page, output)
-        tracker.describe("\n\n".join([run_verdict(summary), *trained]))
-        log_pictures(output, tracker)
+        if known:
+            page_or_log(write_run_page, output)
+            log_pictures(output, tracker)
+        tracker.describe("\n\n".join([run_verdict(summary) if known else _NO_TRUTH, *trained]))
         tracker.log_artifacts(output)
-    print(format_summary(summary))
+    print(format_summary(summary) if known else f"\n{_NO_TRUTH} They are in {output / POSES}")
     say_failed(detection.failed, len(run.keys))
     _say_where(run, output, tracker)
     return summary
@@ -105,12 +111,10 @@ def _score(
     estimates: Sequence[PoseEstimate],
     notes: Sequence[FrameNotes],
     timing: Timing,
-    in_vain: Sequence[float],
     output: Path,
 ) -> dict[str, Any]:
-    """Write poses.csv, then score the poses as read from it."""
+    """Score the poses as read from poses.csv; write and draw what comes of it."""
     dataset, settings = run.dataset, run.settings
-    write_poses(output / POSES, estimates)
     saved = read_poses(output / POSES)
     truths = [noted.truth for noted in notes]
     shown = Progress(truths, desc="scoring", unit="frame")
@@ -131,7 +135,10 @@ def _score(
         settings.seed,
     )
     summary |= {"timing": timing.summary(), "frames": len(run.keys)}
-    in_vain = [*in_vain, *scores_in_vain(truths, estimates)]
+    if dataset.search_all:
+        meshes = dataset.evaluation_meshes
+        summary["detection"] = average_precision(truths, dataset.models, saved, meshes)
+    in_vain = [*_search_empty(run, detection), *scores_in_vain(truths, estimates)]
     summary["false_alarms"] = count_false_alarms(in_vain, MIN_SCORE)
     summary["frames_failed"] = describe_failed(detection.failed)
     write_json(output / SUMMARY, summary)
