@@ -155,7 +155,9 @@ class RgbdFrames(OwnFrames):
     """
 
     def __init__(self, root: Path) -> None:
-        super().__init__(FrameFiles(**with_frames({"frames": str(root)})))
+        found = with_frames({"frames": str(root)})
+        rgb, depth, intrinsics = (found[key] for key in ("rgb", "depth", "intrinsics"))
+        super().__init__(FrameFiles(rgb=rgb, depth=depth, intrinsics=intrinsics))
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""
