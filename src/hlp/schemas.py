@@ -147,7 +147,7 @@ _Matrix4 = Annotated[tuple[float, ...], Len(16, 16), _flat]
 
 @dataclass(frozen=True)
 class CameraEntry(Stored):
-    """A frame's entry in scene_camera.json; also camera.json of a folder of frames."""
+    """A frame's entry in scene_camera.json."""
 
     cam_K: _Matrix3  # noqa: N815
     depth_scale: Positive = 1.0

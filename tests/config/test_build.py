@@ -241,6 +241,7 @@ def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path, 
     for kind in ("rgb", "depth"):
         (frames / kind).mkdir(parents=True)
         cv2.imwrite(str(frames / kind / "000001.png"), np.zeros((8, 8), np.uint16))
+    (frames / "camera.json").touch()
     config.data.rgbd_frames = str(frames)
     assert build_run(config).dataset.encoder_frames is not None
 

@@ -106,24 +106,18 @@ def test_scale_jitter_is_bounded(views, model, cuts):
     assert ratio.std() > 0.02
 
 
-def test_backgrounds_are_photographs_and_windows_of_frames(room):
+def test_backgrounds_are_photographs_and_as_many_windows_of_each_group_of_frames(room):
     crops = np.random.default_rng(0).integers(0, 256, (7, 24, 24, 3)).astype(np.uint8)
-    frames = [room, dataclasses.replace(room, frame_id=2)]
-    pool = bake_backgrounds(crops, [frames, []], [0.1, 0.2], 24, 30, np.random.default_rng(0))
-    assert pool.color.shape == (7 + 30, 24, 24, 3)
+    red = dataclasses.replace(room, rgb=np.broadcast_to([255, 0, 0], room.rgb.shape).astype("u1"))
+    blind = dataclasses.replace(room, depth=np.zeros_like(room.depth))
+    groups, rng = [[red], [], [room] * 3, [blind]], np.random.default_rng(0)
+    pool = bake_backgrounds(crops, groups, [0.1, 0.2], 24, 30, rng)
     np.testing.assert_array_equal(pool.color[:7], crops)
     assert not pool.depth[:7].any()  # 0: no depth was measured
+    is_red = ~pool.color[7:, ..., 1:].any(axis=(1, 2, 3))
+    assert len(is_red) == 60 and is_red[:30].all() and not is_red[30:].any()
     assert (pool.depth[7:] > 0).all()
     assert (np.abs(pool.depth[7:, 12, 12].astype(int) - 128) < 10).mean() > 0.7
-
-
-def test_every_group_of_frames_gives_as_many_backgrounds(room):
-    red = dataclasses.replace(room, rgb=np.broadcast_to([255, 0, 0], room.rgb.shape).astype("u1"))
-    crops = np.zeros((0, 24, 24, 3), np.uint8)
-    pool = bake_backgrounds(crops, [[red], [room] * 3], [0.1], 24, 30, np.random.default_rng(0))
-    is_red = ~pool.color[..., 1:].any(axis=(1, 2, 3))
-    assert len(is_red) == 60
-    assert is_red[:30].all() and not is_red[30:].any()
 
 
 @pytest.mark.parametrize(("objects", "share"), [(1, 1 / 2), (2, 1 / 3), (3, 1 / 4), (15, 1 / 4)])
@@ -139,13 +133,6 @@ def test_the_odds_of_an_object_are_those_of_its_windows(views, model, objects):
     assert SETTINGS.object_odds(objects) == pytest.approx(
         positive / objects / (1 - positive), rel=0.1
     )
-
-
-def test_a_frame_without_depth_gives_no_background(room):
-    blind = dataclasses.replace(room, depth=np.zeros_like(room.depth))
-    crops = np.zeros((2, 24, 24, 3), np.uint8)
-    pool = bake_backgrounds(crops, [[blind]], [0.1], 24, 10, np.random.default_rng(0))
-    assert len(pool.color) == len(pool.depth) == 2
 
 
 def test_a_colourless_object_has_another_colour_in_every_window_and_the_same_shading(views, model):

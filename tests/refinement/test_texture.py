@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.geometry import back_project, rigid, rotation_distance
+from hlp.geometry import rigid, rotation_distance
 from hlp.records import Mesh, ObjectModel, Texture
 from hlp.refinement import texture
 from hlp.refinement.texture import (
@@ -20,7 +20,6 @@ from hlp.refinement.texture_kernel import (
     LogarithmGrid,
     SeenSurface,
     sum_color_differences,
-    surface_and_normals,
 )
 from hlp.refinement.verification import VerificationSettings, observe
 from hlp.rendering.rasterizer import Light, render_scene
@@ -189,25 +188,6 @@ def test_the_kernel_agrees_with_numpy():
         expected += np.minimum((deviation - balance) ** 2, limit**2).sum(axis=1).mean()
         expected += white_balance * (balance**2).sum()
         assert value == pytest.approx(expected, rel=1e-5)
-
-
-def test_surface_and_normals_are_those_of_numpy_to_the_last_bit():
-    rng = np.random.default_rng(4)
-    depth = rng.uniform(0.4, 0.8, (30, 40)).astype(np.float32)
-    used = rng.random(depth.shape) < 0.6
-    used[0, 3], used[5, 0], used[-1, 7], used[9, -1] = True, True, True, True
-    surface, normals = surface_and_normals(depth, used, int(used.sum()), CAMERA)
-    rows, columns = np.indices(depth.shape)
-    pixels = np.stack([columns, rows], axis=-1).astype(float)
-    seen = back_project(pixels, depth.astype(float), CAMERA)
-    across, down = np.zeros_like(seen), np.zeros_like(seen)
-    across[:, 1:-1] = seen[:, 2:] - seen[:, :-2]
-    down[1:-1] = seen[2:] - seen[:-2]
-    expected = np.cross(across, down)
-    expected /= np.maximum(np.linalg.norm(expected, axis=-1, keepdims=True), 1e-12)
-    np.testing.assert_array_equal(surface, seen[used])
-    np.testing.assert_array_equal(normals, expected[used])
-    assert np.linalg.norm(normals, axis=1).max() == pytest.approx(1.0)
 
 
 def test_colours_agree_with_the_right_pose_and_not_with_a_grey_or_other_image():

@@ -1,10 +1,17 @@
 """Colours read from a grid of cells, and samples of a surface."""
 
 import numpy as np
+import pytest
 import trimesh
 
+from hlp.geometry import back_project
 from hlp.records import Mesh, Texture
-from hlp.rendering.surface import color_grid, sample_surface, sample_texture
+from hlp.rendering.surface import (
+    color_grid,
+    sample_surface,
+    sample_texture,
+    surface_and_normals,
+)
 
 
 def _box():
@@ -54,3 +61,23 @@ def test_texels_are_where_opengl_has_them():
     np.testing.assert_allclose(
         sample_texture(texture, centers + np.array([1.0, -2.0])), sample_texture(texture, centers)
     )
+
+
+def test_surface_and_normals_are_those_of_numpy_to_the_last_bit():
+    rng = np.random.default_rng(4)
+    camera = np.array([[520.0, 0.0, 19.5], [0.0, 520.0, 14.5], [0.0, 0.0, 1.0]])
+    depth = rng.uniform(0.4, 0.8, (30, 40)).astype(np.float32)
+    used = rng.random(depth.shape) < 0.6
+    used[0, 3], used[5, 0], used[-1, 7], used[9, -1] = True, True, True, True
+    surface, normals = surface_and_normals(depth, used, int(used.sum()), camera)
+    rows, columns = np.indices(depth.shape)
+    pixels = np.stack([columns, rows], axis=-1).astype(float)
+    seen = back_project(pixels, depth.astype(float), camera)
+    across, down = np.zeros_like(seen), np.zeros_like(seen)
+    across[:, 1:-1] = seen[:, 2:] - seen[:, :-2]
+    down[1:-1] = seen[2:] - seen[:-2]
+    expected = np.cross(across, down)
+    expected /= np.maximum(np.linalg.norm(expected, axis=-1, keepdims=True), 1e-12)
+    np.testing.assert_array_equal(surface, seen[used])
+    np.testing.assert_array_equal(normals, expected[used])
+    assert np.linalg.norm(normals, axis=1).max() == pytest.approx(1.0)

@@ -31,6 +31,9 @@ _ENTRIES = 450  # in a list
 _NUMBERS_PER_CODE = 4  # numbers of a feature that one 4-bit code stands for
 
 
+Bytes = UInt8[np.ndarray, "bytes"]
+
+
 @dataclass(frozen=True)
 class ListsSettings(SearchSettings):
     """What inverted lists of one object's entries, or of all objects', have in common."""
@@ -113,7 +116,7 @@ class InvertedLists:
         features: Features,
         settings: ListsSettings,
         seed: int,
-        trained: UInt8[np.ndarray, "bytes"] | None = None,
+        trained: Bytes | None = None,
         threads: int = 1,
     ) -> None:
         self.features = np.ascontiguousarray(features, dtype=np.float32)
@@ -130,7 +133,7 @@ class InvertedLists:
             self._lists.nprobe = settings.probes
 
     @property
-    def trained(self) -> UInt8[np.ndarray, "bytes"]:
+    def trained(self) -> Bytes:
         """The lists as bytes for a file; empty if the codebook is searched exactly."""
         if self._lists is None:
             return np.zeros(0, dtype=np.uint8)
@@ -164,9 +167,7 @@ class InvertedLists:
         return Matches(indices, np.sqrt(squared))
 
 
-def load_lists(
-    folder: Path, settings: ListsSettings, seed: int
-) -> UInt8[np.ndarray, "bytes"] | None:
+def load_lists(folder: Path, settings: ListsSettings, seed: int) -> Bytes | None:
     """The lists that `ListsSettings.prepare` wrote; None if there are none for these settings."""
     if not (folder / _FILE).is_file():
         return None
@@ -192,9 +193,7 @@ def _train(features: Features, settings: ListsSettings, seed: int) -> faiss.Inde
     return lists
 
 
-def _restore(
-    trained: UInt8[np.ndarray, "bytes"], features: Features, settings: ListsSettings
-) -> faiss.Index:
+def _restore(trained: Bytes, features: Features, settings: ListsSettings) -> faiss.Index:
     """Raises DataError if the bytes are not the lists of these features and settings."""
     import faiss
 

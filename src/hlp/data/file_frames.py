@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt
 
 from hlp.arrays import CameraMatrix, Values
 from hlp.data.dataset import StatedTarget, TrainingImages, content_hash
-from hlp.data.frame_paths import pair_frames
+from hlp.data.frame_paths import with_frames
 from hlp.data.images import (
     depth_metres,
     image_size,
@@ -21,18 +21,18 @@ from hlp.data.images import (
     read_rgb,
     require_same_size,
 )
+from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import transform
-from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
+from hlp.records import Frame, ObjectModel, Target, parse_frame_key
 from hlp.schemas import (
-    CameraEntry,
     camera_matrix,
     number,
     require_depths,
     require_in_front,
     require_near_depths,
 )
-from hlp.settings import Doc, Settings, read_as
+from hlp.settings import Doc, Settings
 
 MAX_MEGAPIXELS = 50.0
 
@@ -148,33 +148,22 @@ def read_numbers(path: Path, count: int, header_lines: int = 0) -> Values:
     return values
 
 
-class RgbdFrames(FileFrames):
+class RgbdFrames(OwnFrames):
     """A plain folder of RGB-D frames without targets, for training: `rgb/`, `depth/`, camera.json.
 
-    Images are paired as those of `hlp predict`. `camera.json` holds `cam_K` (9 numbers, row-major,
-    pixels) and `depth_scale` (mm per unit of the depth images, by default 1). Frames are numbered
-    in the order of their names and belong to scene 0.
+    It is read as `hlp predict frames=FOLDER` reads it.
     """
 
-    @cached_property
-    def _entries(self) -> dict[str, tuple[Path, Path]]:
-        pairs = pair_frames(str(self._root / "rgb"), str(self._root / "depth"))
-        return {frame_key(0, i): (pair.color, pair.depth) for i, pair in enumerate(pairs)}
+    def __init__(self, root: Path) -> None:
+        found = with_frames({"frames": str(root)})
+        rgb, depth, intrinsics = (found[key] for key in ("rgb", "depth", "intrinsics"))
+        super().__init__(FrameFiles(rgb=rgb, depth=depth, intrinsics=intrinsics))
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""
-        pairs = [path for pair in self._entries.values() for path in pair]
-        return content_hash([self._root / "camera.json", *pairs])
-
-    def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
-        """None."""
-        return ()
-
-    def _stated(self, key: str) -> StatedFrame:
-        camera = read_as(self._root / "camera.json", CameraEntry)
-        where = f"{self._root / 'camera.json'}: cam_K"
-        matrix = camera_matrix(camera.cam_K, where)
-        return StatedFrame(*self._entries[key], camera.depth_scale, matrix, where)
+        pairs = [self.paths(key) for key in self.keys]
+        images = [path for pair in pairs for path in (pair.color, pair.depth)]
+        return content_hash([Path(str(self.settings.intrinsics)), *images])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,8 @@ from hlp.geometry import rigid, transform
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import REFINERS, Refiner, cost_around
-from hlp.refinement.texture_kernel import surface_and_normals
 from hlp.refinement.verification import Observation, VerificationSettings
+from hlp.rendering.surface import surface_and_normals
 from hlp.settings import Count, Doc, NotNegative, Positive, Settings, Share
 
 

@@ -21,11 +21,10 @@ from hlp.refinement.texture_kernel import (
     LogarithmGrid,
     SeenSurface,
     sum_color_differences,
-    surface_and_normals,
 )
 from hlp.refinement.verification import Observation
 from hlp.rendering.rasterizer import NEAR, render_depth
-from hlp.rendering.surface import color_grid
+from hlp.rendering.surface import color_grid, surface_and_normals
 
 _SIZE = 128  # long side (px) of the compared region; not blurred, which would lose small print
 _TOLERANCE = 0.02  # m; pixels whose depth differs by more show something else

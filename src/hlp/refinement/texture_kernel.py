@@ -1,60 +1,12 @@
-"""Kernels of `texture`: a seen surface, and how an image's colours differ from those on it."""
+"""Kernel of `texture`: how an image's colours differ from those on a seen surface."""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from hlp.arrays import CameraMatrix, Image, Mask, Point, Points, Pose, Poses, Values
+from hlp.arrays import Point, Points, Pose, Poses, Values
 from hlp.kernels import compiled
-
-
-@compiled()
-def surface_and_normals(
-    depth: Image, used: Mask, count: int, camera: CameraMatrix
-) -> tuple[Points, Points]:
-    """Points (m, camera coordinates) that the `count` used pixels show, row by row, and normals.
-
-    Normals are of length 1, from the neighbours of each pixel; at the image's border from one
-    direction alone, so 0.
-    """
-    height, width = depth.shape
-    points, normals = np.empty((count, 3)), np.empty((count, 3))
-    left, right, above, below = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    row = 0
-    for y in range(height):
-        for x in range(width):
-            if not used[y, x]:
-                continue
-            _back_project(x, y, depth, camera, points[row])
-            normal = normals[row]
-            row += 1
-            if not (0 < x < width - 1 and 0 < y < height - 1):
-                normal[:] = 0.0
-                continue
-            _back_project(x - 1, y, depth, camera, left)
-            _back_project(x + 1, y, depth, camera, right)
-            _back_project(x, y - 1, depth, camera, above)
-            _back_project(x, y + 1, depth, camera, below)
-            for k in range(3):
-                right[k] -= left[k]
-                below[k] -= above[k]
-            normal[0] = right[1] * below[2] - right[2] * below[1]
-            normal[1] = right[2] * below[0] - right[0] * below[2]
-            normal[2] = right[0] * below[1] - right[1] * below[0]
-            squared = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]
-            for k in range(3):
-                normal[k] /= max(np.sqrt(squared), 1e-12)
-    return points, normals
-
-
-@compiled(inline="always")
-def _back_project(x: int, y: int, depth: Image, camera: CameraMatrix, point: Point) -> None:
-    """Fill the point (m) that a pixel shows, as `geometry.back_project` computes it."""
-    z = float(depth[y, x])
-    point[0] = (x - camera[0, 2]) / camera[0, 0] * z
-    point[1] = (y - camera[1, 2]) / camera[1, 1] * z
-    point[2] = z
 
 
 class SeenSurface(NamedTuple):

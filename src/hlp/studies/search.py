@@ -112,20 +112,17 @@ def _verdicts(trial: Mapping[str, Any]) -> dict[TargetKey, float]:
 
 def _study_name(run: Run, task: SearchSettings) -> str:
     """Name of the study; searches of the same name share their trials."""
-    settings = {
-        "config": {key: value for key, value in run.config.items() if key not in _NOT_SEARCHED},
-        "space": task.space.parameters,
-        "limit_ms": task.limit_ms,
-    }
-    upstream = {"frames": run.dataset.frames_identity}
-    method = run.settings.method
+    config = {key: value for key, value in run.config.items() if key not in _NOT_SEARCHED}
+    settings = {"config": config, "space": task.space.parameters, "limit_ms": task.limit_ms}
+    method, frames = run.settings.method, run.dataset.frames
     chosen = (method.encoder, method.codebook, method.voting, method.refinement)
-    code = study_code(__name__, *chosen, run.dataset.frames)
-    digest = fingerprint(
-        "search",
-        {"code": code, "seed": run.settings.seed, "settings": settings, "upstream": upstream},
-    )
-    return f"{task.space.name}_{digest}"
+    description = {
+        "settings": settings,
+        "upstream": {"frames": run.dataset.frames_identity},
+        "seed": run.settings.seed,
+        "code": study_code(__name__, *chosen, frames),
+    }
+    return f"{task.space.name}_{fingerprint('search', description)}"
 
 
 def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":

@@ -191,15 +191,6 @@ def turns_about_z(steps: int) -> Poses:
     return rigid(turns, np.zeros((steps, 3)))
 
 
-@lru_cache(maxsize=1)
-def _models() -> tuple[ObjectModel, ...]:
-    shapes = (_bear, _bowl, _camera, _can, _drill, _duck, _lamp, _rabbit)
-    return tuple(
-        shape_model(number, shape.__name__.removeprefix("_"), centred(shape()))
-        for number, shape in enumerate(shapes, start=1)
-    )
-
-
 def shape_model(object_id: int, name: str, mesh: Mesh) -> ObjectModel:
     """An object of that mesh; the bowl alone has symmetries."""
     diameter = mesh_diameter(mesh.vertices)
@@ -215,6 +206,11 @@ def shape_model(object_id: int, name: str, mesh: Mesh) -> ObjectModel:
     )
 
 
+@lru_cache(maxsize=1)
 def demo_objects() -> dict[int, ObjectModel]:
     """The eight models by object id (1…8, in alphabetical order of their names), built once."""
-    return {model.object_id: model for model in _models()}
+    shapes = (_bear, _bowl, _camera, _can, _drill, _duck, _lamp, _rabbit)
+    return {
+        number: shape_model(number, shape.__name__.removeprefix("_"), centred(shape()))
+        for number, shape in enumerate(shapes, start=1)
+    }

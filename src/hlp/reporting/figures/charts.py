@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hlp.records import MILLIMETRES_PER_METRE
-from hlp.reporting.bench_tables import format_ms
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars
 from hlp.reporting.results import Result
+from hlp.reporting.study_tables import format_ms
 from hlp.results.recalls import wilson
 
 if TYPE_CHECKING:
