@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge
 from jaxtyping import Float
 
 from hlp.config.build import Run, sampled_keys
@@ -37,7 +36,7 @@ from hlp.reporting.figures.heat_maps import oracle_map
 from hlp.reporting.study_tables import format_oracle, head_of
 from hlp.results.recalls import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.runner import stages_of
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, NotNegative, Settings
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
@@ -65,8 +64,7 @@ class OracleSettings(Settings):
     name: Literal["oracle"] = "oracle"
     frames: FrameCount = 30
     agree_mm: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc("without masks, a target is visible where depth differs by at most this (D)"),
     ] = 20.0
 
