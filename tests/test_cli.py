@@ -2,9 +2,6 @@
 
 import json
 import logging
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +15,7 @@ from hlp.cli import main
 from hlp.commands.composing import compose_config
 from hlp.config import build
 from hlp.errors import MissingFileError
+from new_process import printed_by
 
 Said = pytest.CaptureFixture[str]
 
@@ -67,10 +65,10 @@ def fails(words: list[str], capsys: Said, code: int = 1) -> str:
 
 
 def test_the_package_is_the_command_line_too() -> None:
-    command = [sys.executable, "-m", "hlp", "--version"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout == f"hlp {hlp.__version__}\n"
+    code = (
+        "import runpy, sys; sys.argv[1:] = ['--version']; runpy.run_module('hlp', None, '__main__')"
+    )
+    assert printed_by(code) == f"hlp {hlp.__version__}\n"
 
 
 def test_a_bare_command_lists_the_commands_and_an_unknown_one_is_named(capsys: Said) -> None:

@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -15,6 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 import hlp
 from hlp.kernels import ThreadTeam, one_blas_thread, set_compute_threads, take_blas, threads_here
+from new_process import printed_by
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
@@ -198,14 +197,8 @@ def package(tmp_path: Path) -> Path:
 def call(package: Path, code: str = REPORT, **variables: str) -> Any:
     """What a process of its own prints: the kernel's value for 3, its cache's hits and misses."""
     paths = os.pathsep.join([str(Path(hlp.__file__).parents[1]), str(package.parent)])
-    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    environment |= {"XDG_CACHE_HOME": str(package.parent / "cache"), **variables}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    given = {"NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": str(package.parent / "cache"), **variables}
+    return json.loads(printed_by(code, PYTHONPATH=paths, PYTHONDONTWRITEBYTECODE="1", **given))
 
 
 def test_a_kernel_is_compiled_again_when_any_source_behind_it_has_changed(package: Path) -> None:

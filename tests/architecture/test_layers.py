@@ -1,9 +1,6 @@
 """What the design promises of imports; import-linter (`make check`) looks at their directions."""
 
-import os
 import pkgutil
-import subprocess
-import sys
 from itertools import cycle
 from pathlib import Path
 
@@ -13,8 +10,8 @@ import hlp
 from hlp.commands.composing import compose_config
 from hlp.config.composition import rows
 from hlp.files import config_folder
+from new_process import printed_by
 
-ROOT = Path(__file__).parents[2]
 SHOWN = ["run", "--cfg", "job", "data=bop", "data.root=X"]
 HEAVY = ["torch", "pytorch_lightning", "lightning", "mlflow", "matplotlib", "trimesh"]
 """Libraries that take seconds to import."""
@@ -22,26 +19,9 @@ OF_RUNS = ["numba", "scipy", "onnxruntime", "faiss", "requests", "sqlalchemy"]
 OF_SETTINGS = ["numpy", "cv2", "hydra", "omegaconf", "pydantic", "yaml", "jaxtyping"]
 
 
-def printed_by(code: str, folder: Path = ROOT, **variables: str) -> str:
-    """What Python prints that runs this code in a new process."""
-    own = {"PYTHONPATH": str(ROOT / "src"), **variables}
-    done = subprocess.run(
-        [sys.executable, "-c", f"import sys\n{code}"],
-        cwd=folder,
-        env={**os.environ, **own},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 def without(*libraries: str) -> str:
     """Code that fails where one of these has been imported."""
-    return (
-        f"assert not {{*{libraries!r}}} & {{*sys.modules}}, {{*{libraries!r}}} & {{*sys.modules}}"
-    )
+    return f"import sys; found = {{*{libraries!r}}} & {{*sys.modules}}; assert not found, found"
 
 
 def calling(arguments: list[str], *libraries: str) -> str:
@@ -77,13 +57,19 @@ def test_the_detector_is_imported_without_a_framework() -> None:
     """What `hlp.Detector` costs a robot's program: numpy, OpenCV, numba and this many modules."""
     heavy = [*HEAVY, "hydra", "omegaconf", "pyrender", "pyrealsense2"]
     count = printed_by(
-        "import hlp\n"
+        "import sys, hlp\n"
         "assert not any(name.startswith('hlp.') for name in sys.modules), 'loads more'\n"
         "hlp.Detector, hlp.Tracker, hlp.CameraImage\n"
         f"{without(*heavy)}\n"
         "print(sum(name.partition('.')[0] == 'hlp' for name in sys.modules))"
     )
     assert int(count) < 87
+
+
+def test_predicting_imports_no_framework() -> None:
+    """What a call with learnt objects imports: no training, no configuration, no tracking."""
+    heavy = [*HEAVY, "hydra", "omegaconf", "pandas", "sklearn", "scipy.optimize"]
+    printed_by(f"import hlp.cli, hlp.runs.prediction, hlp.runs.learnt_cache\n{without(*heavy)}")
 
 
 @pytest.mark.parametrize(

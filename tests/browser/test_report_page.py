@@ -58,10 +58,7 @@ def test_targets_are_sorted_filtered_opened_and_turned(
     before = browser.execute_script(drawn)
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
     ActionChains(browser).drag_and_drop_by_offset(canvas, 90, 20).perform()
-    turned = browser.execute_script(drawn)
-    assert turned != before
-    browser.execute_script(PINCH)
-    assert browser.execute_script(drawn) != turned
+    assert browser.execute_script(drawn) != before
     take_picture(browser, screenshots, "report_target")
 
     opened = "return document.querySelector('#list [aria-current]').innerText"
@@ -73,17 +70,6 @@ def test_targets_are_sorted_filtered_opened_and_turned(
     browser.get(address)
     assert browser.execute_script(opened) == words
     assert errors(browser) == []
-
-
-PINCH = """
-    const view = document.getElementById("view");
-    view.setPointerCapture = () => {};
-    const touch = (kind, id, x) => view.dispatchEvent(
-        new PointerEvent(kind, {pointerId: id, clientX: x, clientY: 9, pointerType: "touch"}));
-    for (const id of [7, 8]) touch("pointerdown", id, 100 * id);
-    touch("pointermove", 8, 950);
-    for (const id of [7, 8]) touch("pointerup", id, 0);
-"""
 
 
 def sorted_by(browser: "Chrome") -> list[str]:
@@ -155,11 +141,3 @@ def test_truth_and_estimate_lie_within_the_3d_view(shown: ShownRuns, browser: "C
     inside, edge = browser.execute_script(words)
     moved.unlink()
     assert inside > 100 and edge == 0
-
-
-@pytest.mark.slow
-def test_the_page_of_a_sweep_shows_all_arms(shown: ShownRuns, browser: "Chrome") -> None:
-    browser.get((shown.sweep / "report.html").as_uri())
-    words = str(browser.execute_script("return document.body.innerText"))
-    assert all(value in words for value in shown.values)
-    assert errors(browser) == []

@@ -13,6 +13,7 @@ from hlp.checks.true_poses import (
     check_true_colors,
     check_true_poses,
 )
+from hlp.geometry import rigid
 
 
 def _with_poses(frame, change):
@@ -22,22 +23,8 @@ def _with_poses(frame, change):
     return replace(frame, targets=tuple(targets))
 
 
-def _transposed(pose):
-    turned = pose.copy()
-    turned[:3, :3] = pose[:3, :3].T
-    return turned
-
-
-def _scaled(pose, factor):
-    moved = pose.copy()
-    moved[:3, 3] *= factor
-    return moved
-
-
-def _moved(pose, axis, metres):
-    moved = pose.copy()
-    moved[axis, 3] += metres
-    return moved
+def _changed(frame, turn=lambda rotation: rotation, factor=1.0, shift=(0.0, 0.0, 0.0)):
+    return _with_poses(frame, lambda p: rigid(turn(p[:3, :3]), factor * p[:3, 3] + shift))
 
 
 PLANTED = {
@@ -50,21 +37,15 @@ PLANTED = {
     "K of images half as large": (
         lambda f: with_matrix(f, 0.5, slice(0, 2)), "intrinsics", "images 0.5 times",
     ),
-    "transposed rotations": (lambda f: _with_poses(f, _transposed), "rotations", "transposed"),
+    "transposed rotations": (lambda f: _changed(f, np.transpose), "rotations", "transposed"),
     "inverted poses": (lambda f: _with_poses(f, np.linalg.inv), "poses", "camera to object"),
     "OpenGL's axes": (
         lambda f: _with_poses(f, lambda p: np.diag([1.0, -1, -1, 1]) @ p), "axes", "OpenGL",
     ),
-    "poses in metres": (
-        lambda f: _with_poses(f, lambda p: _scaled(p, 0.001)), "pose unit", "0.001",
-    ),
+    "poses in metres": (lambda f: _changed(f, factor=0.001), "pose unit", "0.001"),
     "depth x0.95": (lambda f: with_depth(f, 0.95), "depth scale", "0.95"),
-    "poses 30 mm too far": (
-        lambda f: _with_poses(f, lambda p: _moved(p, 2, 0.03)), "poses", "30 mm too far",
-    ),
-    "poses 30 mm beside": (
-        lambda f: _with_poses(f, lambda p: _moved(p, 0, 0.03)), "poses", "px beside",
-    ),
+    "poses 30 mm too far": (lambda f: _changed(f, shift=(0, 0, 0.03)), "poses", "30 mm too far"),
+    "poses 30 mm beside": (lambda f: _changed(f, shift=(0.03, 0, 0)), "poses", "px beside"),
     "depth shifted": (
         lambda f: replace(f, depth=np.roll(f.depth, 20, axis=1)), "registration", r"\(20, 0\)",
     ),
@@ -95,7 +76,7 @@ def test_a_healthy_set_has_no_finding(frames, models):
 
 def test_poses_that_nothing_explains_are_named_as_such(frames, models):
     rng = np.random.default_rng(0)
-    lost = [_with_poses(f, lambda p: _scaled(p, 1 + rng.uniform(0.3, 0.6))) for f in frames]
+    lost = [_changed(f, factor=1 + rng.uniform(0.3, 0.6)) for f in frames]
     lost = [_with_poses(f, lambda p: p @ np.diag([-1.0, 1, -1, 1])) for f in lost]
     (finding,) = check_true_poses(lost, models)
     assert finding.kind == "poses" and "no single known fault" in finding.problem

@@ -1,7 +1,5 @@
 """Arguments of the commands that need no configuration, and what `hlp learn` makes of them."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -113,19 +111,6 @@ def test_objects_are_learnt_with_the_method_s_settings_and_what_is_given(meshes)
     given = {"encoder": "pca", "rendering.viewpoints": "99"}
     settings = learning_request(given, meshes, ()).settings
     assert (settings.encoder.name, settings.rendering.viewpoints) == ("pca", 99)
-
-
-def test_predicting_imports_no_framework():
-    """What a call with learnt objects imports: no training, no configuration, no tracking."""
-    code = (
-        "import sys, hlp.cli, hlp.runs.prediction, hlp.data.own_frames, hlp.runs.learnt_cache\n"
-        "slow = {'torch', 'pytorch_lightning', 'mlflow', 'hydra', 'omegaconf', 'trimesh',"
-        " 'matplotlib', 'pandas', 'sklearn', 'scipy.optimize'}\n"
-        "found = slow & set(sys.modules)\n"
-        "assert not found, found\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("text", ["many", "-1", "1.5", "true", "99999", "[1]", "nan"])

@@ -1,8 +1,5 @@
 """Hydra's options among the overrides, and its errors in our words."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,9 +9,9 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-import hlp
 from hlp.cli import main
 from hlp.commands.composing import compose_config, hydra_in_words
+from new_process import run_python
 
 Out = pytest.CaptureFixture[str]
 
@@ -83,14 +80,7 @@ def test_a_launcher_without_its_plugin_says_what_to_install(tmp_path: Path) -> N
         "    try: main(['-m', f'hydra/launcher={launcher}', 'seed=0,1'])\n"
         "    except SystemExit as ended: assert ended.code == 1\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_python(code, tmp_path)
     assert done.stderr.splitlines() == [
         f"hlp: this launcher needs the extra '{extra}': pip install 'hlp[{extra}]'"
         for extra in extras.values()

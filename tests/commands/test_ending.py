@@ -1,18 +1,16 @@
 import errno
 import logging
-import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from yaml import YAMLError
 
-import hlp
 from hlp.commands.ending import fails_in_one_line, messages_on, stops_in_one_line
 from hlp.errors import InputError
+from new_process import run_python
 
 
 @pytest.fixture(autouse=True)
@@ -125,14 +123,6 @@ os.kill(os.getpid(), 9)
 
 def test_a_worker_ends_with_its_parent() -> None:
     """The pipe closes when both are gone, long before the worker's work is done."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
-    done = subprocess.run(
-        [sys.executable, "-c", WORKER],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
+    done = run_python(WORKER)
     assert done.returncode == -signal.SIGKILL
     assert not done.stderr

@@ -27,7 +27,7 @@ def assert_targets_have_the_means_of_the_study(output, study):
     numbers = read_numbers(output, KINDS[study])
     targets = read_target_values(output)
     means = {name: sum(values.values()) / len(values) for name, values in targets.items()}
-    assert means == pytest.approx({name: number.value for name, number in numbers.items()})
+    assert means == pytest.approx({name: numbers[name].value for name in means})
 
 
 def test_oracle_fills_the_matrix_from_the_runs_own_stages(tiny_run, tmp_path, capsys):

@@ -15,7 +15,7 @@ from hlp.reporting.paper_reports import (
     TABLES,
     TRENDS,
     object_recalls_table,
-    trend_table,
+    trend_tables,
 )
 from hlp.reporting.results import Result
 from hlp.results.recalls import difference_interval
@@ -121,7 +121,7 @@ def trained(length: int, add: float = 0.5, ms: float = 9.0) -> Result:
 
 def test_papers_numbers_stand_beside_its_own_setting_alone() -> None:
     runs = [trained(100, 0.7, 300.0), trained(200, 0.8, 350.0), trained(400, 0.75, 500.0)]
-    table = trend_table(TRENDS["fig9a"], [("", run) for run in runs])
+    table, _ = trend_tables(TRENDS["fig9a"], [("", run) for run in runs])
     own = ["200", "20", "0.800", "0.700-0.840", "350", "1.2", "0.600", "0.850", "700", "88"]
     assert list(table.rows[1]) == [*own, "0.960", "800"]
     assert [list(row[-2:]) for row in table.rows[::2]] == [["", ""]] * 2

@@ -9,8 +9,10 @@ import pytest
 from scipy.stats import bootstrap
 
 from hlp.errors import DataError
+from hlp.records import TargetScore
 from hlp.results.recalls import (
     BLOCK,
+    add_verdicts,
     blocks_of,
     difference_interval,
     numbered_targets,
@@ -103,6 +105,14 @@ def test_values_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 def test_a_folder_without_them_has_none(tmp_path: Path) -> None:
     assert read_target_values(tmp_path) == {}
+
+
+def test_each_target_has_its_verdict() -> None:
+    scores = [
+        TargetScore(1, 4, 2, True, 1.0, 0.0, 0.0, 0.0, 1.0, right, True, True)
+        for right in (True, False)
+    ]
+    assert add_verdicts(scores) == {(1, 4, 2, 0): 1.0, (1, 4, 2, 1): 0.0}
 
 
 def test_instances_are_numbered_in_their_order() -> None:

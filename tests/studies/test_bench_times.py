@@ -10,7 +10,6 @@ from hlp.studies.bench_times import (
     PartClock,
     Spent,
     TimedDetection,
-    bench_targets,
     share_of_same,
     summarise_path,
 )
@@ -51,14 +50,6 @@ def test_times_of_first_and_further_objects_and_of_whole_frames():
     assert path["further"]["network"]["median_ms"] == 0
     assert path["further"]["total"]["median_ms"] == pytest.approx(7)
     assert path["frame"]["refine"]["median_ms"] == pytest.approx((12 + 9) / 2)
-
-
-def test_verdicts_by_target():
-    scores = [
-        SimpleNamespace(scene_id=1, frame_id=1, object_id=1, add_correct=right)
-        for right in (True, False)
-    ]
-    assert bench_targets(scores) == {"ADD(-S)": {(1, 1, 1, 0): 1.0, (1, 1, 1, 1): 0.0}}
 
 
 @pytest.mark.parametrize(

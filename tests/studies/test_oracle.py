@@ -3,7 +3,7 @@ import math
 import pytest
 
 from hlp.records import TargetScore
-from hlp.studies.oracle import CELLS, oracle_targets, summarise_oracle
+from hlp.studies.oracle import CELLS, summarise_oracle
 
 NAMES = {1: "cat", 2: "cup"}
 
@@ -55,16 +55,3 @@ def test_what_the_stages_lost_sums_to_all_misses():
         "fine pose": pytest.approx(1 / 20),
     }
     assert sum(result["lost"].values()) == pytest.approx(1 - 8 / 20)
-
-
-def test_verdicts_by_target_have_the_means_of_the_matrix():
-    found = {c: scores(*RIGHT[c]) for c in CELLS}
-    targets = oracle_targets(found)
-    result = summarise_oracle(found, NAMES, Policy, 0)
-    heads = ["est/est", "true/est", "est/true", "true/true"]
-    expected = dict(zip(heads, (cell["add"]["recall"] for cell in result["cells"]), strict=True))
-    expected |= {f"lost {stage}": lost for stage, lost in result["lost"].items()}
-    means = {name: sum(target.values()) / len(target) for name, target in targets.items()}
-    assert means == pytest.approx(expected)
-    assert targets["est/est"][0, 5, 1, 0] == 1.0 and targets["est/est"][0, 6, 1, 0] == 0.0
-    assert targets["lost region"][0, 6, 1, 0] == 1.0

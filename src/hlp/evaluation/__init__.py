@@ -3,10 +3,12 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Interval, Le
+from annotated_types import Interval, Le
 
 from hlp.records import ObjectModel
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, NotNegative, Positive, Settings, Share
+
+_Part = Annotated[float, Interval(gt=0, le=1)]
 
 
 @dataclass(frozen=True)
@@ -14,28 +16,23 @@ class WaterfallSettings(Settings):
     """What the failure waterfall and the votes' quality call near, enough and most (D)."""
 
     basin_deg: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc("a coarse pose is in the refiner's basin if its rotation is within this … (D)"),
     ] = 30.0
-    basin_mm: Annotated[float, Ge(0), Doc("… and its centroid within this of the truth (D)")] = 30.0
-    vote_deg: Annotated[
-        float, Ge(0), Doc("a vote is good if its rotation is within this … (D)")
-    ] = 15.0
-    vote_mm: Annotated[float, Ge(0), Doc("… and its centroid within this of the truth (D)")] = 20.0
-    good_votes: Annotated[int, Ge(1), Doc("fewer good votes are too few for a hypothesis (D)")] = 5
+    basin_mm: Annotated[NotNegative, Doc("… and its centroid within this of the truth (D)")] = 30.0
+    vote_deg: Annotated[NotNegative, Doc("a vote is good if its rotation is within this … (D)")] = (
+        15.0
+    )
+    vote_mm: Annotated[NotNegative, Doc("… and its centroid within this of the truth (D)")] = 20.0
+    good_votes: Annotated[Count, Doc("fewer good votes are too few for a hypothesis (D)")] = 5
     region_share: Annotated[
-        float,
-        Interval(gt=0, le=1),
-        Doc("fraction of the visible part of the object that a region must cover (D)"),
+        _Part, Doc("fraction of the visible part of the object that a region must cover (D)")
     ] = 0.25
-    depth_share: Annotated[
-        float, Interval(gt=0, le=1), Doc("fraction of the visible part that must have depth (D)")
-    ] = 0.5
+    depth_share: Annotated[_Part, Doc("fraction of the visible part that must have depth (D)")] = (
+        0.5
+    )
     flip_fraction: Annotated[
-        float,
-        Ge(0),
-        Le(1),
+        Share,
         Doc(
             "a pose outside the basin with ADD-S below this fraction of the diameter is right "
             "except for a (near) symmetry (D)"
@@ -56,12 +53,12 @@ class EvaluationSettings(Settings):
         ),
     ] = None
     add_fraction: Annotated[
-        float, Gt(0), Le(1), Doc("largest mean vertex distance, as a fraction of the diameter (P)")
+        _Part, Doc("largest mean vertex distance, as a fraction of the diameter (P)")
     ] = 0.1
-    translation_cm: Annotated[float, Gt(0), Doc("limit of 5cm5deg (P)")] = 5.0
-    rotation_deg: Annotated[float, Gt(0), Doc("limit of 5cm5deg (P)")] = 5.0
-    iou: Annotated[float, Gt(0), Le(1), Doc("smallest overlap of the projected boxes (P)")] = 0.5
-    bootstrap: Annotated[int, Ge(1), Le(100_000), Doc("resamplings for a 95 % interval (D)")] = 1000
+    translation_cm: Annotated[Positive, Doc("limit of 5cm5deg (P)")] = 5.0
+    rotation_deg: Annotated[Positive, Doc("limit of 5cm5deg (P)")] = 5.0
+    iou: Annotated[_Part, Doc("smallest overlap of the projected boxes (P)")] = 0.5
+    bootstrap: Annotated[Count, Le(100_000), Doc("resamplings for a 95 % interval (D)")] = 1000
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
 
     def is_symmetric(self, model: ObjectModel) -> bool:

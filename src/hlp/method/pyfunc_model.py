@@ -19,7 +19,7 @@ from hlp.records import CameraImage, ObjectModel
 from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
 from hlp.rendering.views import view_rotations
 
-_IMAGES = ("rgb", "depth", "camera_matrix")
+IMAGES = ("rgb", "depth", "camera_matrix")
 _COLUMNS = ("object", "score", "pose_cam_obj", "visible_fraction", "seconds")
 
 
@@ -38,15 +38,12 @@ class PosesOfImages:
         metres, `camera_matrix` (n, 3, 3) in pixels. `params` are the options `objects`,
         `max_instances` and `min_score` of `Detector.detect`. A row has `image` (its index),
         `object`, `score`, `pose_cam_obj` (4×4, m), `visible_fraction` and `seconds`, ready for
-        JSON. Raises InputError naming what is missing or wrong.
+        JSON. Raises InputError for numbers that differ; what is missing, MLflow names.
         """
-        for key in _IMAGES:
-            if key not in model_input:
-                raise InputError(f"images have {', '.join(_IMAGES)}: {key} is missing")
-        counts = {key: len(model_input[key]) for key in _IMAGES}
+        counts = {key: len(model_input[key]) for key in IMAGES}
         if len(set(counts.values())) > 1:
-            raise InputError(f"each image has {', '.join(_IMAGES)}: there are {counts}")
-        images = zip(*(model_input[key] for key in _IMAGES), strict=True)
+            raise InputError(f"each image has {', '.join(IMAGES)}: there are {counts}")
+        images = zip(*(model_input[key] for key in IMAGES), strict=True)
         return [
             {"image": number} | {key: plain(getattr(found, key)) for key in _COLUMNS}
             for number, image in enumerate(images)

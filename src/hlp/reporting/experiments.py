@@ -117,8 +117,8 @@ def _trend(name: str, results: Sequence[Result], found: Sweep) -> Report:
     words = [result.in_words(others) for result in results]
     runs = sorted(zip(words, results, strict=True), key=lambda run: words.index(run[0]))
     notes = [f"{trend.title}, {data}.", *_made_by(found), paper.trend_note(trend)]
-    figure, figures = paper.draw_trend(trend, runs, data), paper.trend_figures(trend, runs)
-    return Report(name, paper.trend_table(trend, runs), notes, figure, figures)
+    table, figures = paper.trend_tables(trend, runs)
+    return Report(name, table, notes, paper.draw_trend(trend, runs, data), figures)
 
 
 def _table(name: str, results: Sequence[Result], found: Sweep) -> Report:

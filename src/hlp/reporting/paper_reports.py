@@ -90,38 +90,35 @@ def trend_note(trend: Trend) -> str:
     )
 
 
-def trend_table(trend: Trend, runs: Runs) -> Table:
-    """A row for each run: recalls, the 95 % interval of ADD(-S), times, and the paper's numbers.
+def trend_tables(trend: Trend, runs: Runs) -> tuple[Table, Table]:
+    """A row for each run: recalls, times, and the paper's numbers; and what figures.csv holds.
 
-    The paper's numbers stand in the row of the setting that it chose.
+    The paper's numbers stand in the row of the setting that it chose. figures.csv has the paired
+    differences to that row.
     """
     several = [""] if len({words for words, _ in runs}) > 1 else []
     add, *others = METRIC_LABELS.values()
     ours = ["targets", add, "95 %", "ms", "load", *others, "ms 95 %", "ms refinement"]
-    rows = []
-    for words, result in runs:
-        cells, chosen = run_cells(result.summary), trend.is_papers(result)
-        paper = [f"{ADD_MEAN:.3f}", f"{MS_PER_FRAME:.0f}"] if chosen else ["", ""]
-        named = [trend.value(result), *(words for _ in several)]
-        rows.append([*named, *(cells[column] for column in ours), *paper])
-    return Table([trend.axis, *several, *ours, "paper ADD(-S)", "paper ms"], rows)
-
-
-def trend_figures(trend: Trend, runs: Runs) -> Table:
-    """Recalls of each run, and their paired difference to the paper's choice."""
     shown = {**ADD_CELLS, "5cm5deg": "5cm5deg", "ar": "AR"}
     papers = {words: result for words, result in runs if trend.is_papers(result)}
-    rows = []
+    rows, figures = [], []
     for words, result in runs:
-        cells, before = run_cells(result.summary), papers.get(words, result)
+        cells, value, before = run_cells(result.summary), trend.value(result), papers.get(words)
+        paper = [f"{ADD_MEAN:.3f}", f"{MS_PER_FRAME:.0f}"]
+        paper = paper if trend.is_papers(result) else ["", ""]
+        named = [value, *(words for _ in several)]
+        rows.append([*named, *(cells[column] for column in ours), *paper])
         found = None
-        if before is not result:
+        if before is not None and before is not result:
             found = paired_difference(before.verdicts, result.verdicts)
         setting = ", ".join(filter(None, (*trend.keys, words)))
-        named = [trend.title.removeprefix("Fig. "), setting, trend.value(result)]
-        rows.append([*named, *map(cells.__getitem__, shown.values()), *with_ends(found)])
+        named = [trend.title.removeprefix("Fig. "), setting, value]
+        figures.append([*named, *(cells[column] for column in shown.values()), *with_ends(found)])
     differences = ["difference", "difference_low", "difference_high"]
-    return Table(["figure", "setting", "value", *shown, *differences], rows)
+    return (
+        Table([trend.axis, *several, *ours, "paper ADD(-S)", "paper ms"], rows),
+        Table(["figure", "setting", "value", *shown, *differences], figures),
+    )
 
 
 def draw_trend(trend: Trend, runs: Runs, data: str) -> "Figure":

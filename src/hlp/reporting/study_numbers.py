@@ -84,8 +84,9 @@ def _read_run(path: Path) -> list[Number]:
         _recall(ADD, "", float(summary["metrics"]["add"]["recall"]), (low, high), main=True)
     )
     for name in ("5cm5deg", "IoU.5", "AR", "ms", "ms 95 %", "CPU ms", "load"):
-        more = name not in ("5cm5deg", "ms", "load")
-        numbers.append(Number(name, "", values[name] or math.nan, cells[name], more=more))
+        value, more = values[name], name not in ("5cm5deg", "ms", "load")
+        known = math.nan if value is None else value
+        numbers.append(Number(name, "", known, cells[name], more=more))
     return numbers
 
 
@@ -108,10 +109,10 @@ def _read_oracle(path: Path) -> list[Number]:
     numbers = []
     for place, cell in enumerate(result["cells"]):
         low, high = map(float, cell["add"]["ci95"])
-        name, recall = head_of(cell), cell["add"]["recall"]
+        name, recall = head_of(cell["region"], cell["coarse"]), cell["add"]["recall"]
         numbers.append(_recall(name, "ADD(-S) recall", recall, (low, high), main=place == 0))
     return numbers + [
-        Number(f"lost {stage}", "recall lost", lost, f"{lost:+.3f}", main=True)
+        Number(f"lost {stage}", "recall lost", lost, f"{lost:+.3f}")
         for stage, lost in result["lost"].items()
     ]
 

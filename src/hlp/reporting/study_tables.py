@@ -16,9 +16,9 @@ _SHORT = {"estimated": "est", "true": "true"}
 ALL_TARGETS = "all targets"
 
 
-def head_of(cell: Mapping[str, Any]) -> str:
+def head_of(region: str, coarse: str) -> str:
     """The short name of a cell of the oracle matrix: its region and its coarse pose."""
-    return f"{_SHORT[cell['region']]}/{_SHORT[cell['coarse']]}"
+    return f"{_SHORT[region]}/{_SHORT[coarse]}"
 
 
 def oracle_table(result: Result) -> Table:
@@ -28,7 +28,8 @@ def oracle_table(result: Result) -> Table:
         [name, str(first["targets"]), *(_recall(recalls[name]) for recalls in found)]
         for name, first in found[0].items()
     ]
-    return Table(["region/coarse", "targets", *map(head_of, result["cells"])], rows)
+    heads = [head_of(cell["region"], cell["coarse"]) for cell in result["cells"]]
+    return Table(["region/coarse", "targets", *heads], rows)
 
 
 def _recall(recall: Mapping[str, Any]) -> str:

@@ -85,6 +85,12 @@ def numbered_targets(targets: Iterable[tuple[int, int, int]]) -> list[TargetKey]
     return keys
 
 
+def add_verdicts(scores: Sequence[TargetScore]) -> dict[TargetKey, float]:
+    """1 for each target that is right by ADD(-S), 0 for each other."""
+    keys = numbered_targets((score.scene_id, score.frame_id, score.object_id) for score in scores)
+    return {key: float(score.add_correct) for key, score in zip(keys, scores, strict=True)}
+
+
 def write_target_values(folder: Path, values: TargetValues, names: Mapping[int, str]) -> None:
     """Write targets.csv: one row per target, one column per number, empty where it has none.
 

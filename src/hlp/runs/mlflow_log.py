@@ -8,15 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hlp.data.dataset import frames_identity
 from hlp.files import MANIFEST, SCORES, remove_unfinished
 from hlp.kernels import set_compute_threads
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.model_files import read_history
-from hlp.method.pyfunc_model import example_image
+from hlp.method.pyfunc_model import IMAGES, example_image
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.mlflow.pages import experiment_tags, how_to_browse, short_name
@@ -144,11 +142,7 @@ def register_learnt(folder: Path, model: str, uri: str) -> str:
     """
     learnt = LearntFolder(folder)
     image = example_image(next(iter(learnt.models.values())))
-    images = {
-        "rgb": image.rgb[None],
-        "depth": image.depth[None].astype(np.float32),
-        "camera_matrix": image.camera_matrix[None],
-    }
+    images = {key: getattr(image, key)[None] for key in IMAGES}
     objects = tuple(learnt.record.objects)
     options = {"objects": objects, "max_instances": MOST_INSTANCES, "min_score": MIN_SCORE}
     return register(folder, model, uri, options, images)

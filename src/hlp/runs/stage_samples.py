@@ -68,18 +68,11 @@ class FrameResults:
 
     def nearest(self, target: Target) -> PoseEstimate | None:
         """The answer for the target's object that is nearest to its true place."""
-
-        def distance(estimate: PoseEstimate) -> float:
-            assert estimate.pose_cam_obj is not None
-            apart = estimate.pose_cam_obj[:3, 3] - target.pose_cam_obj[:3, 3]
-            return float(np.linalg.norm(apart))
-
-        found = (
-            estimate
-            for estimate in self.estimates
-            if estimate.object_id == target.object_id and estimate.pose_cam_obj is not None
-        )
-        return min(found, key=distance, default=None)
+        place = target.pose_cam_obj[:3, 3]
+        own = [e for e in self.estimates if e.object_id == target.object_id]
+        posed = [(e, e.pose_cam_obj[:3, 3]) for e in own if e.pose_cam_obj is not None]
+        apart = [float(np.linalg.norm(found - place)) for _, found in posed]
+        return posed[int(np.argmin(apart))][0] if posed else None
 
     def coarse(
         self, object_id: int, estimate: PoseEstimate | None

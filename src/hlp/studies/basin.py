@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
-from annotated_types import Ge
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
@@ -24,7 +23,7 @@ from hlp.refinement.verification import observe
 from hlp.reporting.figures.heat_maps import draw_basins
 from hlp.reporting.study_tables import basin_cells, format_basins, write_basins
 from hlp.results.recalls import numbered_targets, write_target_values
-from hlp.settings import Doc, Settings, SettingsError
+from hlp.settings import Count, Doc, NotNegative, Settings, SettingsError
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
@@ -45,16 +44,13 @@ class BasinSettings(Settings):
     )
     frames: FrameCount = 6
     rotation_deg: Annotated[
-        tuple[Annotated[float, Ge(0)], ...],
+        tuple[NotNegative, ...],
         Doc("coarse poses are rotated about the centroid by these angles … (D)"),
     ] = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0)
     translation_mm: Annotated[
-        tuple[Annotated[float, Ge(0)], ...],
-        Doc("… and shifted by these distances, in random directions (D)"),
+        tuple[NotNegative, ...], Doc("… and shifted by these distances, in random directions (D)")
     ] = (0.0, 10.0, 20.0, 40.0, 60.0)
-    perturbations: Annotated[
-        int, Ge(1), Doc("random poses for each target and pair of errors (D)")
-    ] = 1
+    perturbations: Annotated[Count, Doc("random poses for each target and pair of errors (D)")] = 1
     refiners: Annotated[
         dict[str, Annotated[RefinementSettings, REFINERS]],
         Doc("refiners by name, as in conf/refinement"),

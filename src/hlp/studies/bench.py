@@ -20,15 +20,15 @@ from hlp.progress import Progress
 from hlp.records import Frame, PoseEstimate
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import bench_bars
+from hlp.reporting.study_numbers import ADD
 from hlp.reporting.study_tables import CONFIGURED, format_bench
-from hlp.results.recalls import TargetKey, write_target_values
+from hlp.results.recalls import TargetKey, add_verdicts, write_target_values
 from hlp.settings import Doc, Settings
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.bench_times import (
     PartClock,
     TimedDetection,
-    bench_targets,
     describe_machine,
     load_timed,
     peak_mib,
@@ -74,7 +74,7 @@ class BenchSettings(Settings):
             frame = run.dataset.frames.load(keys[0])
             estimators, loaded, peak = _make_estimators(run, paths, store, frame)
             detections = _measure(run, estimators, keys)
-            measured, targets = _summarise(run, self, keys, detections)
+            measured, verdicts = _summarise(run, self, keys, detections)
             result = {
                 "machine": machine,
                 "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
@@ -84,7 +84,7 @@ class BenchSettings(Settings):
                 "tolerance": {"mm": self.same_mm, "deg": self.same_deg},
             }
             write_json(output / "bench.json", result)
-            write_target_values(output, targets, object_names(run))
+            write_target_values(output, {ADD: verdicts}, object_names(run))
             write_text(output / "bench.md", format_bench(result, "markdown") + "\n")
             save_figure(bench_bars(result), output / "bench")
         print(format_bench(result))
@@ -92,7 +92,7 @@ class BenchSettings(Settings):
 
 def _summarise(
     run: Run, task: BenchSettings, keys: Sequence[str], detections: Detections
-) -> tuple[dict[str, Any], dict[str, dict[TargetKey, float]]]:
+) -> tuple[dict[str, Any], dict[TargetKey, float]]:
     """Times, recall and agreement of the paths; verdicts by target of the configured one."""
     truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
     models, evaluation = run.dataset.models, run.settings.evaluation
@@ -104,7 +104,7 @@ def _summarise(
     for name, own in detections.items():
         same = share_of_same(configured, own, models, (task.same_mm, task.same_deg))
         paths[name] = summarise_path(own, scores[name]) | {"same_pose": same}
-    return paths, bench_targets(scores[CONFIGURED])
+    return paths, add_verdicts(scores[CONFIGURED])
 
 
 def _make_estimators(

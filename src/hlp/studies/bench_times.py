@@ -20,7 +20,6 @@ from hlp.evaluation.errors import rotation_error, translation_error
 from hlp.geometry import nearest_symmetric_pose
 from hlp.method.find.estimator import PoseEstimator
 from hlp.records import ObjectModel, PoseEstimate, TargetScore
-from hlp.results.recalls import TargetKey, numbered_targets
 
 PARTS = {
     **dict.fromkeys(("windows", "network", "region"), 1),
@@ -120,13 +119,6 @@ def _spreads(wall: pd.DataFrame, cpu: pd.DataFrame) -> dict[str, dict[str, float
     found = {"median_ms": wall.median(), "p95_ms": wall.quantile(0.95), "cpu_ms": cpu.median()}
     spreads: dict[str, dict[str, float]] = pd.DataFrame(found).reindex(wall.columns).T.to_dict()
     return spreads if len(wall) else {}
-
-
-def bench_targets(scores: Sequence[TargetScore]) -> dict[str, dict[TargetKey, float]]:
-    """Each target's verdict by ADD(-S)."""
-    keys = numbered_targets((score.scene_id, score.frame_id, score.object_id) for score in scores)
-    right = [float(score.add_correct) for score in scores]
-    return {"ADD(-S)": dict(zip(keys, right, strict=True))}
 
 
 def share_of_same(

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge
 from jaxtyping import Float
 
 from hlp.arrays import spread
@@ -36,9 +35,9 @@ from hlp.records import (
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.heat_maps import oracle_map
 from hlp.reporting.study_tables import format_oracle, head_of
-from hlp.results.recalls import METRICS, TargetKey, numbered_targets, write_target_values
+from hlp.results.recalls import METRICS, add_verdicts, write_target_values
 from hlp.runs.runner import stages_of
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, NotNegative, Settings
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
@@ -66,8 +65,7 @@ class OracleSettings(Settings):
     name: Literal["oracle"] = "oracle"
     frames: FrameCount = 30
     agree_mm: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc("without masks, a target is visible where depth differs by at most this (D)"),
     ] = 20.0
 
@@ -91,7 +89,8 @@ class OracleSettings(Settings):
             matrix = summarise_oracle(scores, names, settings.evaluation, settings.seed)
             result = {"frames": len(keys), **matrix}
             write_json(output / "oracle.json", result)
-            write_target_values(output, oracle_targets(scores), names)
+            verdicts = {head_of(*cell): add_verdicts(found) for cell, found in scores.items()}
+            write_target_values(output, verdicts, names)
             write_text(output / "oracle.md", format_oracle(result, "markdown") + "\n")
             save_figure(oracle_map(result), output / "oracle")
         print(format_oracle(result))
@@ -204,23 +203,8 @@ def summarise_oracle(
     return {"cells": cells, "lost": _lost(dict(zip(scores, recalls, strict=True)))}
 
 
-def oracle_targets(
-    scores: Mapping[Cell, Sequence[TargetScore]],
-) -> dict[str, dict[TargetKey, float]]:
-    """Verdict by ADD(-S) of each target in each cell, and what each stage lost of it (-1, 0, 1)."""
-    targets = next(iter(scores.values()))
-    keys = numbered_targets((score.scene_id, score.frame_id, score.object_id) for score in targets)
-    verdicts = {
-        cell: np.array([score.add_correct for score in found], dtype=float)
-        for cell, found in scores.items()
-    }
-    named = {head_of({"region": cell[0], "coarse": cell[1]}): verdicts[cell] for cell in verdicts}
-    named |= {f"lost {stage}": lost for stage, lost in _lost(verdicts).items()}
-    return {name: dict(zip(keys, values.tolist(), strict=True)) for name, values in named.items()}
-
-
-def _lost(right: Mapping[Cell, Any]) -> dict[str, Any]:
-    """What each stage lost: of recalls, or of the verdicts of many targets."""
+def _lost(right: Mapping[Cell, float]) -> dict[str, float]:
+    """What each stage lost of the recall."""
     return {
         "region": right["true", "estimated"] - right["estimated", "estimated"],
         "coarse pose": right["true", "true"] - right["true", "estimated"],

@@ -11,8 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from annotated_types import Ge
-
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
 from hlp.errors import ConfigError, MissingDependencyError, is_expected
@@ -28,7 +26,7 @@ from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
 from hlp.reporting.study_tables import format_search, write_search
 from hlp.results.recalls import TargetKey
 from hlp.runs import runner
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, NotNegative, Settings
 from hlp.stages.manifest import fingerprint
 from hlp.studies.study_run import study_code, study_run
 
@@ -61,12 +59,11 @@ class SearchSettings(Settings):
 
     name: Literal["search"] = "search"
     trials: Annotated[
-        int,
-        Ge(1),
+        Count,
         Doc("total number, with earlier calls; the first is the unchanged configuration (D)"),
     ] = 30
     limit_ms: Annotated[
-        float, Ge(0), Doc("limit of the best trial's median time per target (D)")
+        NotNegative, Doc("limit of the best trial's median time per target (D)")
     ] = 500.0
     space: SpaceSettings
 

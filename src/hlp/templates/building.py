@@ -13,7 +13,7 @@ from annotated_types import Ge, Le, Unit
 from jaxtyping import Float, Float32, Int8, UInt8
 
 from hlp.arrays import CameraMatrix, Image, Mask, Rotation, Values
-from hlp.geometry import back_project, rigid
+from hlp.geometry import rigid
 from hlp.image_edges import NO_EDGE, STEPS, edges
 from hlp.records import ObjectModel
 from hlp.rendering.rasterizer import render_depth
@@ -141,19 +141,9 @@ def _turned_view(
 def _view_edges(depth: Image, camera: CameraMatrix) -> Int8[np.ndarray, "h w"]:
     """Edges of the silhouette, and where the surface turns or has a step."""
     drawn = depth > 0.0
-<<<<<<< HEAD
-    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    points = back_project(np.stack([x, y], axis=-1).astype(float), depth, camera)
-    along, down = np.zeros_like(points), np.zeros_like(points)
-    along[:, 1:-1], down[1:-1] = points[:, 2:] - points[:, :-2], points[2:] - points[:-2]
-    normals = np.cross(along, down)
-    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
-    normals[cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) == 0] = 0.0
-=======
     inner = cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
     normals = np.zeros((*depth.shape, 3))
     _, normals[inner] = surface_and_normals(depth, inner, np.count_nonzero(inner), camera)
->>>>>>> cut48-w7
     image = np.concatenate([_NORMALS * normals, drawn[..., None]], axis=-1)
     return edges(np.ascontiguousarray(image, dtype=np.float32), _LEAST)
 

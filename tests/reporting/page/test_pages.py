@@ -17,7 +17,7 @@ from hlp.errors import DataError
 from hlp.records import Frame, Target, TargetScore
 from hlp.reporting.page import page_or_log
 from hlp.reporting.page.pages import study_folders, write_run_page, write_study_page
-from hlp.reporting.page.report_data import ReportData, keep_target, wires_of
+from hlp.reporting.page.report_data import ReportData, Scene, keep_target, picture_path, wires_of
 from hlp.reporting.report import report_runs, write_pages
 from hlp.results.poses_file import write_scores
 from written_results import summary, write_run
@@ -128,15 +128,6 @@ def test_misses_are_counted_by_object_and_by_visible_fraction(run: Path) -> None
     assert shown[:3] and "0.6-1" in shown and shown.count("all") == 2
 
 
-def test_a_page_that_cannot_be_written_costs_nothing(
-    run: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    (run / "scores.csv").write_text("nothing")
-    assert page_or_log(write_run_page, run) is None
-    assert not (run / "report.html").exists()
-    assert "could not be written" in caplog.text and "scores.csv" in caplog.text
-
-
 def test_pictures_of_the_stages_are_shown_in_their_order(run: Path) -> None:
     assert "What each stage works with" not in Page(write_run_page(run)).text
     (run / "stages").mkdir()
@@ -151,6 +142,24 @@ def test_pictures_of_the_stages_are_shown_in_their_order(run: Path) -> None:
     photographs = [address for address in page.addresses if "jpeg" in address]
     assert photographs == [f"data:image/jpeg;base64,{picture}" for picture in drawn]
     assert "What each stage works with" in page.text
+
+
+def named(picture: str) -> Scene:
+    return Scene((1, 2, 3, 0), picture, [0.0] * 3, "", "", [0.0] * 16, None)
+
+
+@pytest.mark.parametrize("name", ["../outside.jpg", "..", "{report}/picture.jpg"])
+def test_a_picture_outside_of_the_runs_own_folder_is_named(tmp_path: Path, name: str) -> None:
+    with pytest.raises(DataError, match="names a file outside"):
+        picture_path(tmp_path, named(name.format(report=tmp_path / "report")))
+
+
+def test_only_pictures_are_taken(tmp_path: Path) -> None:
+    (tmp_path / "report").mkdir()
+    for name, content in (("picture.jpg", b"\xff\xd8\xff\xe0rest"), ("text.jpg", b"of the user")):
+        (tmp_path / "report" / name).write_bytes(content)
+    found = [picture_path(tmp_path, named(f"{n}.jpg")) for n in ("picture", "text", "absent")]
+    assert found == [tmp_path / "report" / "picture.jpg", None, None]
 
 
 TABLE = """\

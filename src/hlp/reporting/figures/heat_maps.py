@@ -106,5 +106,5 @@ def oracle_map(result: Mapping[str, Any]) -> "Figure":
     axes = ("region/coarse pose: estimated, true", "")
     lost = ", ".join(f"{stage} {share:+.3f}" for stage, share in result["lost"].items())
     title = f"ADD(-S) recall of {result['frames']} frames\nLost by each stage: {lost}"
-    columns = [head_of(cell) for cell in result["cells"]]
+    columns = [head_of(cell["region"], cell["coarse"]) for cell in result["cells"]]
     return draw_heat_maps([HeatMap("", recalls, ends=(0.0, 1.0))], names, columns, axes, title)
