@@ -60,7 +60,11 @@ class BopSettings(FolderSettings):
         Doc("objects by name; empty: those that are targets, named by models/names.json or id"),
     ] = field(default_factory=dict)
     split: Annotated[
-        str, Doc("folder below root with the scenes; auto: test, test_* or val with true poses")
+        str,
+        Doc(
+            "folder below root with the scenes, or what its name begins with (test: test_primesense); "
+            "auto: test, test_* or val with true poses"
+        ),
     ] = AUTO
     targets: Annotated[
         str | None,
@@ -100,8 +104,7 @@ class BopSettings(FolderSettings):
         root = existing_folder("data.root", self.root)
         images = self.training_images()
         given = self._models(root, self.objects) if self.objects else None
-        split = find_split(root) if self.split == AUTO else self.split
-        existing_folder("data.split", str(root / split))
+        split = find_split(root, self.split)
         every = self.search == "all"
         years = (24, 19) if every else (19, 24)
         listed = find_targets_file(root, split, years) if self.targets == AUTO else self.targets

@@ -35,7 +35,7 @@ _ROUNDING = 0.01  # of symmetries, which people write by hand
 def load_object_models(
     root: Path, objects: Mapping[str, ObjectSettings], proxy_faces: int, symmetry_steps: int
 ) -> dict[int, ObjectModel]:
-    """Object models by id, from the first of `_FOLDERS` that has it; those of `models_eval` lack colours.
+    """Object models by id, from the first of `_FOLDERS` that has them. `models_eval` lacks colours.
 
     Diameters and symmetries come from `models_info.json` if there is one; continuous symmetries are
     discretised into `symmetry_steps` rotations. A file that states no symmetry of any object says
@@ -172,20 +172,24 @@ AUTO = "auto"
 _KINDS = ("test", "val")
 
 
-def find_split(root: Path) -> str:
-    """The folder with the images to evaluate: `test`, `test_*`, `val` or `val_*`.
+def find_split(root: Path, split: str = AUTO) -> str:
+    """The folder with the images to evaluate: `split`, or the first `split_*`, or as follows.
 
-    The first with true poses, or the first at all if none has them: BOP keeps the true poses of
-    some of its test images private. Raises MissingFileError if there is no such folder.
+    `auto` is the first of `test`, `test_*`, `val` and `val_*` with true poses, or the first at all
+    if none has them: BOP keeps the true poses of some of its test images private. Of cameras,
+    Primesense comes first, by which BOP evaluates. Raises MissingFileError if there is no folder.
     """
     found = [
         folder.name
-        for kind in _KINDS
-        for folder in sorted(root.glob(f"{kind}*"))
-        if folder.is_dir() and folder.name.partition("_")[0] == kind
+        for kind in (_KINDS if split == AUTO else (split,))
+        for folder in sorted(root.glob(f"{kind}*"), key=lambda f: ("primesense" not in f.name, f))
+        if folder.is_dir() and (folder.name == kind or folder.name.startswith(f"{kind}_"))
     ]
     if not found:
-        raise MissingFileError(f"{root} has no folder test, test_* or val: set data.split=NAME")
+        named = "folder test, test_* or val" if split == AUTO else f"folder {split}"
+        raise MissingFileError(f"{root} has no {named}: set data.split=NAME")
+    if split != AUTO:
+        return split if split in found else found[0]
     scenes = {name: list_scenes(root / name).values() for name in found}
     with_poses = [name for name in found if any(scene.annotated for scene in scenes[name])]
     return (with_poses or found)[0]

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hlp.files import write_csv, write_text
+from hlp.reporting import bop, recordings
 from hlp.reporting import paper_reports as paper
-from hlp.reporting import recordings
 from hlp.reporting.comparison import (
     WELL_VISIBLE,
     difference_cells,
@@ -63,6 +63,8 @@ def reports_of(folder: Path) -> list[Report]:
             made.append(_table(name, results, found))
         elif name == RECORDINGS:
             made.append(_recordings(results, found))
+        elif name == bop.BOP:
+            made.append(Report(name, bop.bop_table(results), [*_made_by(found), bop.NOTE], None))
         elif name == LADDER:
             steps = {result.chosen[LADDER]: result for result in results if LADDER in result.chosen}
             made += [_ladder(steps, found)] if steps else []
@@ -74,7 +76,8 @@ def write_reports(folder: Path) -> list[Path]:
 
     figures.csv holds the main figures, as result files keep them.
     """
-    return [path for made in reports_of(folder) for path in _write(folder, made)]
+    written = [path for made in reports_of(folder) for path in _write(folder, made)]
+    return written + (bop.write_server_files(folder) if folder / f"{bop.BOP}.md" in written else [])
 
 
 def describe_reports(root: Path, layout: str) -> str:

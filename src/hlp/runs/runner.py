@@ -48,9 +48,9 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     `output` receives summary.json, scores.csv, poses.csv, panels/, stages/, report/, manifest.json
     and, drawn from these, report.html; experiments of the paper's tables also the table. Everything
     is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises DataError
-    if no frame can be used; with `on_bad_frame` "report", single ones count as missed. Where no true
-    pose is known (BOP keeps some private) there are poses.csv and manifest.json alone, and the
-    summary is empty.
+    if no frame can be used; with `on_bad_frame` "report", single ones count as missed. Where true
+    poses are private, as BOP keeps some, only poses.csv and manifest.json are written; the summary
+    is empty.
     """
     settings = run.settings
     with begun(run, output) as (store, tracker):
@@ -150,7 +150,8 @@ def _score(
 
 def _say_where(run: Run, output: Path, tracker: MlflowRun) -> None:
     say = _logger.info
-    say("\nResults   %s (summary.json, scores.csv, poses.csv, manifest.json)", output)
+    names = [name for name in (SUMMARY, SCORES, POSES, MANIFEST) if (output / name).is_file()]
+    say("\nResults   %s (%s)", output, ", ".join(names))
     if (output / PAGE).is_file():
         say("Report    %s (open it in a browser)", output / PAGE)
     if run.settings.panels > 0:

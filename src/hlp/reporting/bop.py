@@ -1,0 +1,114 @@
+"""`experiment=bop`: BOP's data sets by one configuration, beside published methods.
+
+`hlp_SET-test.csv` are the poses as BOP's server takes them (bop.felk.cvut.cz), `hlp_bop.zip` holds
+them all.
+"""
+
+import shutil
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from hlp.files import MANIFEST, POSES, read_json
+from hlp.reporting.results import Result
+from hlp.reporting.summary_tables import BOP_RECALLS
+from hlp.reporting.table import Table, format_share
+
+BOP = "bop"
+PUBLISHED = (
+    ("FreeZeV2.1, 2024", 0.821, 24.9, "GPU"),
+    ("Co-op, 2024", 0.759, 0.8, "GPU"),
+    ("FoundationPose, 2024", 0.734, 29.3, "GPU"),
+    ("SAM-6D, 2024", 0.662, 1.4, "GPU"),
+    ("Vidal et al., 2018", 0.569, 3.2, "CPU"),
+    ("Drost et al., 2010", 0.550, None, "CPU"),
+)
+"""Methods with their AR over the seven core sets, seconds an image, and hardware.
+
+Sources: BOP Challenge 2024 (arXiv 2504.02812), BOP Challenge 2019, and the server's leaderboard.
+"""
+NOTE = (
+    "AR: mean of BOP's average recalls VSD, MSSD and MSPD, the objects of an image being given. AP:"
+    " BOP's average precision (2024), every object of the set being looked for in every image;"
+    " AP mm: over 2 to 20 mm of MSSD (2025). Seconds of an image include those without an answer."
+    " The published rows are means over seven core sets, measured by others on their hardware"
+    " (arXiv 2504.02812 and BOP's leaderboard)."
+)
+_HEADER = ["set", "images", "AR", *map(str.upper, BOP_RECALLS), "AP", "AP mm", "s", "CPU s", "on"]
+
+
+def bop_table(results: Sequence[Result]) -> Table:
+    """A row a set and task, the mean of each task over several sets, and published methods."""
+    rows: list[list[str]] = []
+    for task in ("localization", "detection"):
+        found = {_set(r.config): _numbers(r) for r in results if _task(r.config) == task}
+        rows += [[name, *_cells(numbers)] for name, numbers in found.items()]
+        if len(found) > 1:
+            means = {name: _mean([own[name] for own in found.values()]) for name in _NUMBERS}
+            rows.append([f"mean, {task}", *_cells(means)])
+    for name, recall, seconds, hardware in PUBLISHED:
+        numbers = dict.fromkeys(_NUMBERS) | {"AR": recall, "s": seconds}
+        rows.append([name, *_cells(numbers)[:-1], hardware])
+    return Table(_HEADER, rows)
+
+
+def write_server_files(folder: Path) -> list[Path]:
+    """Copy the poses of all runs in a sweep's folder under BOP's names, and pack them.
+
+    Also of runs on images whose true poses are private. Those of detection have `-detection` in
+    their names, since the server has another form for them.
+    """
+    written: list[Path] = []
+    for run in sorted(path.parent for path in folder.glob(f"*/{POSES}")):
+        if not (run / MANIFEST).is_file():
+            continue
+        config = read_json(run / MANIFEST)["config"]
+        split = "val" if str(config["data"]["split"]).startswith("val") else "test"
+        task = "-detection" if _task(config) == "detection" else ""
+        written.append(folder / f"hlp{task}_{_set(config)}-{split}.csv")
+        shutil.copyfile(run / POSES, written[-1])
+    if written:
+        with zipfile.ZipFile(folder / "hlp_bop.zip", "w", zipfile.ZIP_DEFLATED) as packed:
+            for path in written:
+                packed.write(path, path.name)
+        written.append(folder / "hlp_bop.zip")
+    return written
+
+
+_NUMBERS = ["images", "AR", *map(str.upper, BOP_RECALLS), "AP", "AP mm", "s", "CPU s"]
+
+
+def _set(config: Any) -> str:
+    return Path(str(config["data"]["root"])).name
+
+
+def _task(config: Any) -> str:
+    return "detection" if config["data"].get("search") == "all" else "localization"
+
+
+def _numbers(result: Result) -> dict[str, float | None]:
+    summary, timing = result.summary, result.summary.get("timing", {})
+    recalls = summary.get("bop", {}) if _task(result.config) == "localization" else {}
+    precision = summary.get("detection", {})
+    objects = timing.get("objects", 0) / max(timing.get("frames", 0), 1)  # in an image
+    seconds = [
+        None if timing.get(key) is None else objects * timing[key] / 1000
+        for key in ("wall_ms", "cpu_ms")
+    ]
+    values = [*(recalls.get(key) for key in ("ar", *BOP_RECALLS))]
+    values += [precision.get("ap"), precision.get("mssd_mm"), *seconds]
+    return dict(zip(_NUMBERS, [result.frames, *values], strict=True))
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return fmean(known) if len(known) == len(values) else None
+
+
+def _cells(numbers: dict[str, float | None]) -> list[str]:
+    shares = [format_share(numbers[name]) for name in _NUMBERS[1:-2]]
+    seconds = ["" if (s := numbers[name]) is None else f"{s:.1f}" for name in _NUMBERS[-2:]]
+    images = numbers["images"]
+    return ["" if images is None else f"{images:.0f}", *shares, *seconds, "CPU"]
