@@ -62,8 +62,8 @@ class BopSettings(FolderSettings):
     split: Annotated[
         str,
         Doc(
-            "folder below root with the scenes, or what its name begins with (test: test_primesense); "
-            "auto: test, test_* or val with true poses"
+            "folder below root with the scenes, or what its name begins with (test: "
+            "test_primesense); auto: test, test_* or val with true poses"
         ),
     ] = AUTO
     targets: Annotated[

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 _DATA, SEED = "data", "seed"
 NOTE = (
     "ADD(-S): ADD-S for objects with a symmetry, ADD for the others. AR: mean of BOP's average"
-    " recalls VSD, MSSD and MSPD. ECE: expected calibration error of the score. Wrong: answers with"
+    " recalls VSD, MSSD and MSPD. AP: BOP's average precision, where every object is looked for in"
+    " every frame (data.search=all). ECE: expected calibration error of the score. Wrong: answers with"
     " a score of at least 0.5 that are wrong, of all with such a score. False alarms: searches with"
     " such an answer where the object is not, of all such searches. ms: median for one object in"
     " one frame."
@@ -59,7 +60,7 @@ def recordings_table(repeats: Repeats, keys: Sequence[str]) -> Table:
     """
     bop = [*map(str.upper, BOP_RECALLS)]
     scores = ["ECE", WRONG, ALARMS]
-    measured = ["frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", *bop, *scores, "ms"]
+    measured = ["frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", *bop, "AP", *scores, "ms"]
     rows = [row for same in repeats.values() for row in _repeat_rows(same, keys)]
     header = [*keys, *measured]
     return Table(header, [[row.get(name, "") for name in header] for row in rows])

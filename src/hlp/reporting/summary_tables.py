@@ -107,6 +107,7 @@ def run_numbers(summary: Mapping[str, Any]) -> dict[str, float | None]:
         **{label: metrics[key]["recall"] for key, label in METRIC_LABELS.items()},
         **dict(zip(("low", "high"), metrics["add"]["ci95"], strict=True)),
         **{key.upper(): summary["bop"][key] for key in ("ar", *BOP_RECALLS)},
+        "AP": summary.get("detection", {}).get("ap"),
         "ECE": summary["calibration"]["ece"],
         "ms refinement": times["refinement"]["median"],
         "ms": times["total"]["median"],
