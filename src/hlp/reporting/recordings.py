@@ -26,10 +26,10 @@ _DATA, SEED = "data", "seed"
 NOTE = (
     "ADD(-S): ADD-S for objects with a symmetry, ADD for the others. AR: mean of BOP's average"
     " recalls VSD, MSSD and MSPD. AP: BOP's average precision, where every object is looked for in"
-    " every frame (data.search=all). ECE: expected calibration error of the score. Wrong: answers with"
-    " a score of at least 0.5 that are wrong, of all with such a score. False alarms: searches with"
-    " such an answer where the object is not, of all such searches. ms: median for one object in"
-    " one frame."
+    " every frame (data.search=all). ECE: expected calibration error of the score. Wrong: answers"
+    " with a score of at least 0.5 that are wrong, of all with such a score. False alarms: searches"
+    " with such an answer where the object is not, of all such searches. ms: median for one object"
+    " in one frame."
 )
 WRONG, ALARMS = "wrong", "false alarms"
 _MARKED = (0.5, 0.9)  # scores, on the curves of precision and recall
