@@ -1,6 +1,6 @@
 """Tracking through sequences of a simulated camera, whose poses are known."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -198,8 +198,8 @@ def test_a_part_of_a_frame_judges_a_pose_as_the_whole_does(detector):
         assert np.ptp(seen, axis=0).max() > 20
         assert seen.min() > beside or (low == 0).any()
         assert ((columns, rows) - seen.max(axis=0) > beside).all()
-        expected = estimator.measure_fit(whole, object_id, poses[0]).as_array()
-        found = estimator.measure_fit(part, object_id, poses[0]).as_array()
+        expected = astuple(estimator.measure_fit(whole, object_id, poses[0]))
+        found = astuple(estimator.measure_fit(part, object_id, poses[0]))
         np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
         # Where the object is not in the image, the part is the whole.
         for place in ((9.0, 0.0, 0.7), (0.0, 0.0, 0.0)):
