@@ -129,8 +129,8 @@ def test_every_sweep_is_drawn(tmp_path: Path, swept: list[str], panels: int) -> 
         np.testing.assert_allclose(recalls, [[0.5, 0.55]])
         np.testing.assert_allclose(times, [[30.0, 30.0]])
         np.testing.assert_allclose(loads, [[1.25, 9.0]])
-        (frame,) = figure.axes[0].patches
-        assert frame.get_center() == pytest.approx((1.0, 0.0))
+        marked = [text for text in figure.axes[0].texts if "(default)" in text.get_text()]
+        assert [text.get_position() for text in marked] == [(1, 0)]
         assert figure.axes[0].get_xlabel() == PARTICLES
 
 
