@@ -67,6 +67,16 @@ def test_quaternions_keep_the_leading_dimensions_and_none_has_length_zero():
         rotation_matrices(np.zeros((1, 4)))
 
 
+def test_quaternions_and_matrices_are_scipys_to_the_last_bit():
+    quats = np.random.default_rng(5).normal(size=(3000, 4))
+    quats[:1000] = np.rint(quats[:1000])  # half turns and quarter turns, where components are equal
+    quats = quats[np.linalg.norm(quats, axis=1) > 0.0]
+    matrices = Rotation.from_quat(quats).as_matrix()
+    np.testing.assert_array_equal(rotation_matrices(quats), matrices)
+    expected = Rotation.from_matrix(matrices, assume_valid=True).as_quat()
+    np.testing.assert_array_equal(quaternions(matrices), expected)
+
+
 RAYS = st.builds(lambda xy, z: np.array([*xy, 1.0]) * z, vectors(-2.0, 2.0, 2), numbers(0.05, 9.0))
 
 

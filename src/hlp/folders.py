@@ -4,8 +4,8 @@ A link in there may lead to any file of the user's, and a pipe would be read for
 is looked through before anything in it is opened; what its own files name is found by `inside`.
 """
 
-import fcntl
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
@@ -82,8 +82,13 @@ def lock_file(path: Path) -> FileIO:
 def locked(path: Path, problem: str) -> Iterator[None]:
     """Hold the lock of a file; the system frees that of a dead process.
 
-    Raises InputError with the `problem` while another process holds it.
+    Raises InputError with the `problem` while another process holds it. No effect on Windows.
     """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
     with lock_file(path) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -80,17 +80,53 @@ def allocentric_to_egocentric(rays: Float[np.ndarray, "*b 3"]) -> Float[np.ndarr
 
 
 def quaternions(rotations: Float[np.ndarray, "*b 3 3"]) -> Float[np.ndarray, "*b 4"]:
-    """Unit quaternions (x, y, z, w) of rotations, which are not checked; q and −q are the same."""
-    from scipy.spatial.transform import Rotation  # slow to import
+    """Unit quaternions (x, y, z, w) of rotations, which are not checked; q and −q are one rotation.
 
-    return np.asarray(Rotation.from_matrix(rotations, assume_valid=True).as_quat())
+    The largest of the four components is computed first, as in Shepperd, "Quaternion from rotation
+    matrix", J. Guidance and Control 1978.
+    """
+    # SciPy's Rotation gives the same bits, but importing it takes longer than finding an object.
+    matrices = np.reshape(np.asarray(rotations, dtype=np.float64), (-1, 3, 3))
+    diagonal = matrices[:, [0, 1, 2], [0, 1, 2]]
+    trace = diagonal[:, 0] + diagonal[:, 1] + diagonal[:, 2]
+    largest = np.argmax(np.column_stack([diagonal, trace]), axis=1)
+    quats = np.empty((len(matrices), 4))
+    for i in range(3):
+        j, k, chosen = (i + 1) % 3, (i + 2) % 3, largest == i
+        m = matrices[chosen]
+        quats[chosen, i] = 1.0 - trace[chosen] + 2.0 * m[:, i, i]
+        quats[chosen, j] = m[:, j, i] + m[:, i, j]
+        quats[chosen, k] = m[:, k, i] + m[:, i, k]
+        quats[chosen, 3] = m[:, k, j] - m[:, j, k]
+    chosen = largest == 3
+    m = matrices[chosen]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        quats[chosen, i] = m[:, k, j] - m[:, j, k]
+    quats[chosen, 3] = 1.0 + trace[chosen]
+    return np.reshape(quats / _lengths(quats), (*np.shape(rotations)[:-2], 4))
 
 
 def rotation_matrices(quats: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3 3"]:
     """Rotations of quaternions (x, y, z, w) of any length. Raises ValueError for length 0."""
-    from scipy.spatial.transform import Rotation
+    flat = np.reshape(np.asarray(quats, dtype=np.float64), (-1, 4))
+    lengths = _lengths(flat)
+    if (lengths == 0.0).any():
+        raise ValueError("a quaternion of zero norm is not a rotation")
+    x, y, z, w = (flat / lengths).T
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    xy, zw, xz, yw, yz, xw = x * y, z * w, x * z, y * w, y * z, x * w
+    values = [
+        *(xx - yy - zz + ww, 2.0 * (xy - zw), 2.0 * (xz + yw)),
+        *(2.0 * (xy + zw), -xx + yy - zz + ww, 2.0 * (yz - xw)),
+        *(2.0 * (xz - yw), 2.0 * (yz + xw), -xx - yy + zz + ww),
+    ]
+    return np.reshape(np.stack(values, axis=-1), (*np.shape(quats)[:-1], 3, 3))
 
-    return np.asarray(Rotation.from_quat(quats).as_matrix())
+
+def _lengths(quats: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 1"]:
+    x, y, z, w = quats.T
+    return np.asarray(np.sqrt(x * x + y * y + z * z + w * w)[:, None])
 
 
 def nearest_rotation(matrix: Rotation) -> Rotation:

@@ -77,8 +77,7 @@ class _Kernel:
         return self._kernel
 
     def _make_kernel(self) -> Any:
-        import numba
-
+        numba = _numba()
         with _kept_in(kernel_folder(), numba.config) as keep:
             kernel: Any = numba.njit(nogil=True, cache=keep, **self._options)(self._function)
         kept: Any = getattr(kernel, "_cache", None)
@@ -95,6 +94,25 @@ class _Kernel:
 @cache
 def _say_that_it_compiles() -> None:
     _logger.info("compiling for this machine, which is done once: about 20 s of computing")
+
+
+@cache
+def _numba() -> Any:
+    """Numba with what it needs to load kernels, but for scipy.linalg.
+
+    To see whether SciPy, which HLP requires, is there, numba imports that: 0.2 s of its 0.4 s. A
+    kernel that needs BLAS still does.
+    """
+    import numba
+    from numba.core.registry import cpu_target
+    from numba.np import linalg
+
+    check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        cpu_target.target_context.refresh()
+    finally:
+        linalg.ensure_blas = check
+    return numba
 
 
 @cache

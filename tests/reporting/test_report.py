@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from hlp.errors import MissingFileError
+from hlp.errors import DataError, MissingFileError
 from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
+from hlp.reporting.experiments import describe_reports
 from hlp.reporting.mlflow.tracking import MlflowSettings, track_run
 from hlp.reporting.report import (
     describe_named,
@@ -61,6 +62,16 @@ def repeat(folder: Path, *right: bool, vsd: float = float("nan")) -> str:
     ]
     write_scores(folder / "scores.csv", scores, {6: "cat"})
     return str(folder)
+
+
+def test_what_is_broken_or_of_another_version_costs_itself(tmp_path, caplog):
+    write_run(tmp_path / "a", "demo", summary())
+    write_run(tmp_path / "b", "demo", {})
+    assert str(tmp_path / "a") in report_runs(tmp_path, "text")
+    assert describe_reports(tmp_path, "text") == ""
+    assert f"left out: {tmp_path / 'b' / 'summary.json'} is not a summary" in caplog.text
+    with pytest.raises(DataError, match=r"is not a summary of a run .*it lacks bop"):
+        report_runs(tmp_path / "b", "text")
 
 
 def test_of_three_runs_mean_and_standard_deviation_are_told(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from hlp.reporting.sweep_report import (
 from hlp.reporting.sweep_report import write_sweep as write_files
 from hlp.reporting.sweeps import read_sweeps
 from table_text import csv_rows
-from written_results import scored, write_run, write_sweep
+from written_results import scored, summary, write_run, write_sweep
 from written_sweeps import (
     PARTICLES,
     change,
@@ -112,19 +112,25 @@ def test_ties_of_the_best_run_are_named_also_where_it_is_not_the_default(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("swept", "panels"), [([PARTICLES], 4), ([PARTICLES, "seed"], 2), ([PARTICLES, "seed", "x"], 4)]
+    ("swept", "panels"), [([PARTICLES], 4), ([PARTICLES, "seed"], 3), ([PARTICLES, "seed", "x"], 4)]
 )
 def test_every_sweep_is_drawn(tmp_path: Path, swept: list[str], panels: int) -> None:
     folder = write_sweep(tmp_path / "sweep", swept, [])
     for number, value in enumerate(("5", "25")):
         chosen = {key: value if key == PARTICLES else "1" for key in swept}
         write_scored(folder / str(number), chosen, 10 + number, 30.0)
+    timing = summary()["timing"] | {"load": 9.0}
+    change(folder / "1" / "summary.json", timing=timing)
+    change(folder / "sweep.json", defaults=dict.fromkeys(swept, "1") | {PARTICLES: "25"})
     figure = sweep_figure(only(folder))
     assert figure is not None and len(figure.axes) == panels
-    if panels == 2:
-        recalls, times = (ax.images[0].get_array() for ax in figure.axes)
+    if panels == 3:
+        recalls, times, loads = (ax.images[0].get_array() for ax in figure.axes)
         np.testing.assert_allclose(recalls, [[0.5, 0.55]])
         np.testing.assert_allclose(times, [[30.0, 30.0]])
+        np.testing.assert_allclose(loads, [[1.25, 9.0]])
+        marked = [text for text in figure.axes[0].texts if "(default)" in text.get_text()]
+        assert [text.get_position() for text in marked] == [(1, 0)]
         assert figure.axes[0].get_xlabel() == PARTICLES
 
 

@@ -300,7 +300,7 @@ def test_where_the_number_is_not_known_up_to_so_many_sure_ones_are_looked_for(
 ):
     asked = []
 
-    def search(_, __, counts, *, min_score, **___):
+    def search(_, counts, *, min_score, **__):
         asked.append((counts, min_score))
         return {}
 

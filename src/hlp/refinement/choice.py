@@ -108,7 +108,8 @@ class _InstanceSearch:
         costs = self.verifier.weigh(found)
         ranking = np.argsort(costs, kind="stable")
         ranking = ranking[self.verifier.are_likely(costs, self._support[usable])[ranking]]
-        self._order, self._evidence = usable[ranking], found.rows(ranking)
+        self._order = usable[ranking]
+        self._evidence = Evidence(*(values[ranking] for values in found))
         self._refined: list[Refinement] = []
         self._sources: list[int] = []
         self._seeds: list[tuple[int, int]] = []

@@ -80,7 +80,7 @@ def align(cost: DepthCost, pose_cam_obj: Pose, settings: IcpSettings) -> tuple[P
     pose = np.array(pose_cam_obj, dtype=np.float64)
     seen = cost.observed > 0.0
     observed, _ = surface_and_normals(
-        cost.observed, seen, np.count_nonzero(seen), cost.camera_matrix
+        cost.observed, seen, int(np.count_nonzero(seen)), cost.camera_matrix
     )
     if len(observed) == 0:
         return pose, 0
@@ -111,7 +111,7 @@ def _surface(cost: DepthCost, pose_cam_obj: Pose, count: int) -> tuple[Points, P
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     inside = cv2.erode((rendered > 0.0).view(np.uint8), cross) > 0
     points, normals = surface_and_normals(
-        rendered, inside, np.count_nonzero(inside), cost.camera_matrix
+        rendered, inside, int(np.count_nonzero(inside)), cost.camera_matrix
     )
     keep = np.flatnonzero(normals.any(axis=1))
     keep = keep[:: max(len(keep) // count, 1)]

@@ -1,6 +1,6 @@
 """How well one pose fits the image: what a score is computed from, and what people want to know."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -55,15 +55,6 @@ class PoseFit:
     edge: float = 0.0
     plane_deviation_mm: float = np.inf
     appearance: float = 0.0
-
-    def as_array(self) -> Float[np.ndarray, "10"]:
-        """The values in the order of the fields, for a file."""
-        return np.array(astuple(self), dtype=np.float64)
-
-    @classmethod
-    def from_array(cls, values: Float[np.ndarray, "10"]) -> "PoseFit":
-        """Inverse of `as_array`."""
-        return cls(*(float(value) for value in values))
 
 
 def measure_fit(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> PoseFit:

@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
 from jaxtyping import Float32
 
-from hlp.arrays import CameraMatrix, Flags, Image, Mask, Pose, Poses, Rgb, Rows, Values
+from hlp.arrays import CameraMatrix, Flags, Image, Mask, Pose, Poses, Rgb, Values
 from hlp.geometry import transform
 from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
@@ -120,10 +120,6 @@ class Evidence(NamedTuple):
     color: Values
     edge: Values
     edges_occluded: Values
-
-    def rows(self, chosen: Rows) -> "Evidence":
-        """The evidence for some of the poses, in the order given."""
-        return Evidence(*(values[chosen] for values in self))
 
 
 @dataclass(frozen=True)

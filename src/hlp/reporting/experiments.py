@@ -17,7 +17,7 @@ from hlp.reporting.comparison import (
 )
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import Bar, Panel, draw_bars, gain_bar, recall_bar
-from hlp.reporting.results import Result, result_folders
+from hlp.reporting.results import Result, left_out_if_broken, result_folders
 from hlp.reporting.summary_tables import ADD_CELLS, BOP_RECALLS, run_cells
 from hlp.reporting.sweeps import Sweep, read_sweeps
 from hlp.reporting.table import Table, format_share, lay_out, prose
@@ -85,9 +85,12 @@ def describe_reports(root: Path, layout: str) -> str:
 
     Empty if there is none. `layout` is `text` or `markdown`.
     """
-    parts = []
-    for folder in result_folders(root):
-        for made in reports_of(folder):
+    parts, folders = list[str](), result_folders(root)
+    for folder in folders:
+        found = list[Report]()
+        with left_out_if_broken(len(folders) == 1):
+            found = reports_of(folder)
+        for made in found:
             files = ", ".join(str(path) for path in _write(folder, made))
             shown = made.table.without(*made.wide) if layout == "text" else made.table
             parts += [prose(words, layout) for words in made.notes]

@@ -23,7 +23,7 @@ from hlp.reporting.page.pages import (
     write_study_page,
     write_sweep_page,
 )
-from hlp.reporting.results import result_folders
+from hlp.reporting.results import left_out_if_broken, result_folders
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,
     format_summary,
@@ -42,15 +42,18 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
 
     `layout` is `text` or `markdown`. The tables of a run follow if it is the only one, or with
     `details`. Of studies (oracle, basin, bench, search) there are the tables or their names. Draws
-    figures into each sweep's folder. Raises DataError for a broken summary, and MissingFileError
-    where no finished run is found.
+    figures into each sweep's folder. What is broken is left out with a warning. Raises DataError if
+    there is nothing else, and MissingFileError where no finished run is found.
     """
     sweeps = [path.parent for path in found_below(folder, SWEEP)]
     paths = sorted(found_below(folder, SUMMARY), key=lambda path: path.stat().st_mtime)
     studies = study_folders(folder)
     if not paths and not sweeps and not studies:
         raise MissingFileError(f"no finished run ({SUMMARY}) in or below {folder}")
-    summaries = {path.parent: read_summary(path) for path in paths}
+    summaries, alone = {}, len(paths) + len(sweeps) == 1
+    for path in paths:
+        with left_out_if_broken(alone):
+            summaries[path.parent] = read_summary(path)
     heading = "## " if layout == "markdown" else ""
     parts = []
     for run, summary in summaries.items():
@@ -59,7 +62,8 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
             tables = (*waterfall_tables(summary), votes_table(summary))
             parts += [lay_out(table, layout) for table in tables]
     for sweep in sweeps:
-        parts += _sweep_parts(sweep, layout, heading)
+        with left_out_if_broken(alone):
+            parts += _sweep_parts(sweep, layout, heading)
     parts += [
         _study_part(study, layout, heading) for study in studies if study.parent not in sweeps
     ]
@@ -94,15 +98,16 @@ def write_pages(folder: Path) -> list[Path]:
 
     The runs of a sweep have pages of their own too. Raises what the pages raise.
     """
-    written = []
-    for found in result_folders(folder):
-        if (found / SWEEP).is_file():
-            runs = sorted(path.parent for path in found.glob(f"*/{SCORES}"))
-            written += [write_run_page(run) for run in runs if (run / MANIFEST).is_file()]
-            if any(sweep.finished for sweep in read_sweeps(found)):
-                written.append(write_sweep_page(found))
-        elif (found / SCORES).is_file():
-            written.append(write_run_page(found))
+    written, folders = list[Path](), result_folders(folder)
+    for found in folders:
+        with left_out_if_broken(len(folders) == 1):
+            if (found / SWEEP).is_file():
+                runs = sorted(path.parent for path in found.glob(f"*/{SCORES}"))
+                written += [write_run_page(run) for run in runs if (run / MANIFEST).is_file()]
+                if any(sweep.finished for sweep in read_sweeps(found)):
+                    written.append(write_sweep_page(found))
+            elif (found / SCORES).is_file():
+                written.append(write_run_page(found))
     return written + [write_study_page(found) for found in study_folders(folder)]
 
 

@@ -1,7 +1,9 @@
 """Finished runs, read back from their folders for figures and tables."""
 
+import logging
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -100,6 +102,20 @@ def result_folders(root: Path) -> list[Path]:
     sweeps = {path.parent for path in found_below(root, SWEEP)}
     runs = {path.parent for path in found_below(root, MANIFEST) if is_finished(path.parent)}
     return sorted(sweeps | {run for run in runs if run.parent not in sweeps})
+
+
+@contextmanager
+def left_out_if_broken(alone: bool = False) -> Iterator[None]:
+    """Around one of several folders: what cannot be read costs itself; if it is `alone`, it raises.
+
+    Summaries of another version are broken, too.
+    """
+    try:
+        yield
+    except DataError as error:
+        if alone:
+            raise
+        logging.getLogger(__name__).warning("left out: %s", error)
 
 
 def run_command(folder: Path) -> str:

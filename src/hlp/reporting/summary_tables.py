@@ -16,8 +16,6 @@ VOTE_LABELS = {
     "good_by_object": "good of these",
 }
 """What people call the shares of votes in `summary.json`."""
-WATERFALL_GROUPS = {"per_object": "object", "per_visibility": "visible fraction"}
-"""How the waterfall of `summary.json` is divided, and what people call it."""
 ADD_CELLS = {"add": "ADD(-S)", "add_low": "low", "add_high": "high"}
 """Columns of figures.csv, and the numbers of `run_numbers` that stand there."""
 BOP_RECALLS = ("vsd", "mssd", "mspd")
@@ -211,7 +209,7 @@ def waterfall_tables(summary: Mapping[str, Any]) -> list[Table]:
     causes = [name for name, count in total.items() if count and name != CORRECT]
     header = ["targets", CORRECT, *map(_words, causes)]
     tables = []
-    for group, title in WATERFALL_GROUPS.items():
+    for group, title in (("per_object", "object"), ("per_visibility", "visible fraction")):
         rows = [
             [name, str(sum(counts.values())), *(str(counts[cause]) for cause in (CORRECT, *causes))]
             for name, counts in {**waterfall[group], "all": total}.items()

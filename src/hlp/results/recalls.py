@@ -38,7 +38,7 @@ def read_summary(path: Path) -> Summary:
     summary: Summary = read_json(path)
     if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
         lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""
-        raise DataError(f"{path} is not a summary of a run{lacks}")
+        raise DataError(f"{path} is not a summary of a run by this version{lacks}")
     return summary
 
 

@@ -29,6 +29,7 @@ from hlp.settings import Doc
 
 HOST = "127.0.0.1"
 _PATIENCE = 10.0  # s, with a client that neither asks nor reads
+_CLIENTS = 16  # at once
 _PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>hlp live</title>
 <style>body{margin:0;background:#111}img{max-width:100vw;max-height:100vh}</style>
 <img alt="The last image with the poses that were found"><script>
@@ -50,9 +51,11 @@ class PicturePage(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = _CLIENTS
     picture = b""
 
     def __init__(self, port: int) -> None:
+        self._free = threading.Semaphore(_CLIENTS)
         try:
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -69,6 +72,17 @@ class PicturePage(ThreadingHTTPServer):
         self.shutdown()
         self.server_close()
 
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Whether there is room for one more; else the server hangs up."""
+        return self._free.acquire(blocking=False)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, in a thread of its own."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that hangs up is no error; a bug shows its traceback."""
         if not isinstance(sys.exc_info()[1], OSError):
@@ -80,9 +94,9 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = _PATIENCE
 
     def do_GET(self) -> None:
-        """Answer one request; another name that leads here belongs to another site's page."""
+        """Answer one request."""
         path, picture = self.path.partition("?")[0], self.server.picture
-        if self.headers.get("Host", "").split(":")[0] not in (HOST, "localhost"):
+        if not self._is_own():
             self.send_error(403, f"ask for {HOST}")
         elif path == "/":
             self._send("text/html", _PAGE)
@@ -90,6 +104,17 @@ class _Handler(BaseHTTPRequestHandler):
             self._send("image/jpeg", picture)
         else:
             self.send_error(404)
+
+    def _is_own(self) -> bool:
+        """Whether no other site's page embeds this, or has made its name lead here (DNS rebinding).
+
+        A link may lead here, and another port may be forwarded to ours.
+        """
+        said, host = self.headers, self.headers.get("Host", "")
+        linked = said.get("Sec-Fetch-Dest") == "document"
+        own = said.get("Origin", f"//{host}").partition("//")[2] == host
+        own &= linked or said.get("Sec-Fetch-Site", "none") in ("none", "same-origin")
+        return own and host.split(":")[0] in (HOST, "localhost")
 
     def end_headers(self) -> None:
         """Other sites' pages may not show the pictures."""

@@ -7,10 +7,10 @@
 <root>/.in-use                         held by all runs, so that nothing is removed meanwhile
 """
 
-import fcntl
 import logging
 import os
 import shutil
+import sys
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping
@@ -211,11 +211,13 @@ class StageStore:
     def _hold_in_use(self) -> None:
         """Share the lock on the store until this object goes; waits while it is being cleaned.
 
-        The system frees the lock of a dead process. Without effect in a store that this process may
-        only read.
+        The system frees the lock of a dead process. Without effect on Windows, and in a store that
+        this process may only read.
         """
-        if self._in_use is not None:
+        if self._in_use is not None or sys.platform == "win32":
             return
+        import fcntl
+
         # No folder yet, a read-only one, a file system without locks; or a link, which cleaning
         # refuses, too.
         with suppress(OSError, InputError):

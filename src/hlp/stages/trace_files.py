@@ -4,7 +4,7 @@ Arrays of an object are named `ID/FIELD`; nobody else knows their names.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -156,7 +156,7 @@ def _refined_arrays(found: ObjectTrace) -> Arrays:
         "sources": refined.sources,
         "seeds": refined.seeds,
         "instances": np.array(refined.instances),
-        "fits": np.stack([fit.as_array() for fit in found.fits]),
+        "fits": np.array([astuple(fit) for fit in found.fits]),
     }
 
 
@@ -167,5 +167,5 @@ def _with_refined(found: ObjectTrace, arrays: Arrays, _: int) -> ObjectTrace:
     costs, sources, seeds = (arrays[name] for name in ("costs", "sources", "seeds"))
     chosen = tuple(arrays["instances"].tolist())
     refined = RefinedHypotheses(poses, costs, sources, seeds, chosen)
-    fits = tuple(PoseFit.from_array(fit) for fit in arrays["fits"])
+    fits = tuple(PoseFit(*fit) for fit in arrays["fits"].tolist())
     return replace(found, refined=refined, fits=fits)

@@ -143,7 +143,7 @@ def _view_edges(depth: Image, camera: CameraMatrix) -> Int8[np.ndarray, "h w"]:
     drawn = depth > 0.0
     inner = cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
     normals = np.zeros((*depth.shape, 3))
-    _, normals[inner] = surface_and_normals(depth, inner, np.count_nonzero(inner), camera)
+    _, normals[inner] = surface_and_normals(depth, inner, int(np.count_nonzero(inner)), camera)
     image = np.concatenate([_NORMALS * normals, drawn[..., None]], axis=-1)
     return edges(np.ascontiguousarray(image, dtype=np.float32), _LEAST)
 

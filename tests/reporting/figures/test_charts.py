@@ -176,6 +176,34 @@ def test_the_curve_is_the_share_of_targets_below_each_threshold() -> None:
     assert charts.ad_curve(targets, {"duck": 100.0}) is None
 
 
+def test_bops_curves_are_the_shares_below_each_threshold() -> None:
+    """Errors of 12 and 47 % of the diameter, and of 3 and 60 px."""
+    targets = [
+        target(True, mssd_recall=0.8, mspd_recall=1.0),
+        target(False, mssd_recall=0.1, mspd_recall=0.0),
+    ]
+    figure = charts.bop_curves(targets)
+    assert figure is not None
+    mssd, mspd = figure.axes[0].lines
+    assert list(mssd.get_xdata()) == list(range(5, 51, 5))
+    assert list(mssd.get_ydata()) == [0.0, 0.0, *[0.5] * 7, 1.0]
+    assert list(mspd.get_ydata()) == [0.5] * 10
+    assert charts.bop_curves([*targets, target(True)]) is None
+
+
+def test_errors_by_distance_are_points_of_right_and_wrong_poses() -> None:
+    targets = [target(True), target(False, add_error=0.05), target(False, found=False)]
+    scores = {(1, number, 6, 0): scored for number, scored in enumerate(targets)}
+    scenes = {key: [*[0, 0, 0, 300] * 2, 0, 0, 0, 0] for key in [*scores, (2, 1, 1, 0)]}
+    figure = charts.error_by_distance(scores, scenes)
+    assert figure is not None
+    (points,) = figure.axes[0].collections
+    distance = 0.3 * math.sqrt(2.0)
+    np.testing.assert_allclose(points.get_offsets(), [[distance, 2.0], [distance, 50.0]])
+    assert len({tuple(color) for color in points.get_facecolors()}) == 2
+    assert charts.error_by_distance(dict([*scores.items()][2:]), scenes) is None
+
+
 @pytest.mark.parametrize(
     ("kind", "changed", "places"),
     [

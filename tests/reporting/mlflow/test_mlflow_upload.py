@@ -10,7 +10,7 @@ import pytest
 from mlflow import MlflowClient
 
 from hlp.errors import HlpError
-from hlp.reporting.mlflow.pages import newest_page, server
+from hlp.reporting.mlflow.pages import newest_page, run_path, server
 from hlp.reporting.mlflow.tracking import PARENT, ChildRun, MlflowSettings, as_child_run, track_run
 from hlp.reporting.mlflow.upload import send_runs, unsent_database
 
@@ -72,7 +72,9 @@ def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
         runs = {run.info.run_name: run for run in client.search_runs([experiment.experiment_id])}
         sent, continued = runs["sweep"], runs["seed 1"]
         assert len(runs) == 2
-        assert sent.data.tags["mlflow.note.content"] == "The best.\n\nAll runs."
+        here = run_path(experiment.experiment_id, sent.info.run_id)[1:]
+        view = f"[This page with the menu of model training]({here})"
+        assert sent.data.tags["mlflow.note.content"] == f"The best.\n\n{view}\n\nAll runs."
         assert {run.info.status for run in runs.values()} == {"FINISHED"}
         assert sent.data.params == {"a.b": "1"}
         assert history(client, sent.info.run_id, "sweep/add") == [(0, 0.0), (1, 0.25), (2, 0.5)]

@@ -127,8 +127,10 @@ def read_history(folder: Path) -> list[dict[str, float]]:
     path = folder / HISTORY
     if not path.exists():
         return []
-    rows = read_csv(path, ["epoch"], more=True)
-    try:
-        return [{name: float(value) for name, value in row.items()} for row in rows]
-    except (ValueError, TypeError) as error:
-        raise DataError(f"{path}: no metrics of an epoch ({error})") from error
+    history = []
+    for line, row in enumerate(read_csv(path, ["epoch"], more=True), start=2):
+        try:
+            history.append({name: float(value) for name, value in row.items()})
+        except (ValueError, TypeError) as error:
+            raise DataError(f"{path}, line {line}: no metrics of an epoch ({error})") from error
+    return history

@@ -7,6 +7,7 @@ tables beside ours, the parts of a benchmark, the causes of misses.
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -172,9 +173,17 @@ def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
         {stage: time["median"] for stage, time in summary["timing_ms"].items()}
         for summary in summaries
     ]
-    loads = [run_cells(summary)["load"] or "unknown" for summary in summaries]
     title = "ms an object and frame, median, by stage"
-    return [*panels, _times_panel(title, medians, "total", loads)]
+    return [*panels, _times_panel(title, medians, "total", loads_in_words(summaries))]
+
+
+def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Of each run ` (load 6.5)`, to stand behind its time; empty where all had the same.
+
+    Times that were measured under different load of the machine cannot be compared without it.
+    """
+    loads = [run_cells(summary)["load"] or "unknown" for summary in summaries]
+    return [f" (load {load})" if len({*loads}) > 1 else "" for load in loads]
 
 
 def _times_panel(
@@ -185,8 +194,7 @@ def _times_panel(
 ) -> Panel:
     """Stages one after another, shared out so that they end at the median of the whole.
 
-    Medians of stages do not add up to it. `whole` is its name among them. `loads` of the machine
-    are told where they differ: times that were measured under them cannot be compared.
+    Medians of stages do not add up to it. `whole` is its name among them. `loads` stand behind it.
     """
     rows, totals = [], []
     for found in medians:
@@ -195,8 +203,7 @@ def _times_panel(
         scale = total / (sum(known.values()) or 1.0)
         rows.append({stage: Bar(scale * time) for stage, time in known.items()})
         totals.append(format_ms(total))
-    if len({*loads}) > 1:
-        totals = [f"{ms} (load {load})" for ms, load in zip(totals, loads, strict=True)]
+    totals = [f"{ms}{load}" for ms, load in zip_longest(totals, loads, fillvalue="")]
     stages = dict.fromkeys(stage for row in rows for stage in row)
     series = {stage: [row.get(stage) for row in rows] for stage in stages}
     return Panel(title, series, stacked=True, totals=totals, colors=STAGE_COLORS)

@@ -10,10 +10,10 @@ import numpy as np
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars
+from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars, loads_in_words
 from hlp.reporting.results import Result
 from hlp.reporting.study_tables import format_ms
-from hlp.results.recalls import wilson
+from hlp.results.recalls import TargetKey, wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,6 +113,43 @@ def error_histogram(targets: Targets, kind: str) -> "Figure":
     return figure
 
 
+def bop_curves(targets: Targets) -> "Figure | None":
+    """Share of targets below each of BOP's thresholds of MSSD and MSPD; None if not computed.
+
+    A target's mean recall says how many of the ten it keeps to: the widest ones.
+    """
+    figure, ax = _figure(3.0)
+    for name, color in (("mssd", _BLUE), ("mspd", _ORANGE)):
+        kept = np.array([10 * getattr(target.score, f"{name}_recall") for target in targets])
+        if np.isnan(kept).any():
+            return None
+        shares = [float((kept.round() > 10 - place).mean()) for place in range(1, 11)]
+        ax.plot(range(5, 51, 5), shares, "o-", color=color, label=name.upper())
+    ax.set(xlabel="threshold: MSSD, % of the diameter; MSPD, px of 640", ylabel="recall")
+    ax.set(xlim=(0.0, 52.0), ylim=(0.0, 1.02))
+    ax.legend(frameon=False, loc="lower right")
+    return figure
+
+
+def error_by_distance(
+    scores: Mapping[TargetKey, ScoredTarget], truths: Mapping[TargetKey, Sequence[float]]
+) -> "Figure | None":
+    """A point for each target that has a pose and a true one: its ADD(-S) by its distance (m)."""
+    found = [
+        (float(np.linalg.norm(truth[3:12:4])), score.add_error, score.add_correct)
+        for key, truth in truths.items()
+        if key in scores and (score := scores[key].score).found
+    ]
+    if not found:
+        return None
+    figure, ax = _figure(2.5)
+    millimetres, errors, right = map(np.array, zip(*found, strict=True))
+    colors = [_BLUE if verdict else _ORANGE for verdict in right]
+    ax.scatter(millimetres / MILLIMETRES_PER_METRE, MILLIMETRES_PER_METRE * errors, 26, colors)
+    ax.set(xlabel="distance from the camera, m", ylabel="ADD(-S), mm", yscale="log")
+    return figure
+
+
 def _figure(height: float, width: float = 6.0) -> tuple["Figure", "Axes"]:
     from matplotlib.figure import Figure
 
@@ -164,11 +201,12 @@ def recall_by_time(runs: Sequence[Result], swept: Sequence[str]) -> "Figure":
     longest, front = max(time for time, _ in points), pareto_front(points)
     title = f"Recall against time, {runs[0].targets} targets"
     figure, ax = _time_axes(points, 1.05 * longest, title)
-    for place, ((time, recall), run) in enumerate(zip(points, runs, strict=True)):
+    loads = loads_in_words([run.summary for run in runs])
+    for place, ((time, recall), run, load) in enumerate(zip(points, runs, loads, strict=True)):
         low, high = run.add["ci95"]
         ax.errorbar(time, recall, [[recall - low], [high - recall]], fmt="o", capsize=3,
                     markerfacecolor=None if place in front else "white",
-                    label=run.in_words(swept) or None)  # fmt: skip
+                    label=f"{run.in_words(swept)}{load}" or None)  # fmt: skip
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure
 

@@ -136,8 +136,13 @@ class MlflowRun:
         self.log_entities("tags", ((metric_name(k), v[:_LONGEST_TAG]) for k, v in tags.items()))
 
     def describe(self, markdown: str) -> None:
-        """Set the run's description."""
-        self.set_tags({NOTE: markdown})
+        """Set the run's description, after its first paragraph a link to the page's better view.
+
+        A click in the list of runs opens the page with MLflow's menu for language models.
+        """
+        first, *rest = markdown.split("\n\n", 1)
+        view = f"[This page with the menu of model training]({self.page_path[1:]})"
+        self.set_tags({NOTE: "\n\n".join([first, view, *rest])})
 
     def log_input(self, name: str, digest: str, source: str, context: str) -> None:
         """Log a data set that the run reads, with a `digest` of its content and its purpose."""

@@ -16,6 +16,7 @@ from hlp.reporting.mlflow import (
     prepare_database,
     remove_database,
 )
+from hlp.reporting.mlflow.pages import NOTE, run_path
 from hlp.reporting.mlflow.run import LoggedAs, MlflowRun
 from hlp.reporting.mlflow.tracking import CONTINUES, PARENT, SEND_TO
 
@@ -94,6 +95,9 @@ def _send(
     else:
         for name, value in tags.items():
             target.set_tag(run_id, name, value)
+    if NOTE in tags:
+        linked = run_path(info.experiment_id, info.run_id)[1:]  # by the description: its own page
+        target.set_tag(run_id, NOTE, tags[NOTE].replace(linked, run_path(there, run_id)[1:]))
     _send_values(kept, run, MlflowRun(LoggedAs(target, there, run_id)))
     with tempfile.TemporaryDirectory() as folder:
         for path in kept.list_artifacts(info.run_id):

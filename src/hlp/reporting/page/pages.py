@@ -107,6 +107,8 @@ def _charts(
     figures = {
         "objects": object_bars(summary),
         "ad_curve": charts.ad_curve(targets, diameters),
+        "bop": charts.bop_curves(targets),
+        "distance": charts.error_by_distance(scores, {s.key: s.truth for s in kept.targets}),
         "translation": charts.error_histogram(targets, "translation"),
         "rotation": charts.error_histogram(targets, "rotation"),
         "visibility": charts.visibility_bars(targets),
