@@ -126,7 +126,7 @@ def test_a_set_without_targets_is_an_error(root):
 def test_a_folder_that_is_absent_is_named_with_its_key(root):
     with pytest.raises(HlpError, match=r"data\.root is not a folder"):
         BopSettings(root=str(root / "none")).build()
-    with pytest.raises(HlpError, match=r"data\.split is not a folder"):
+    with pytest.raises(HlpError, match=r"has no folder train: set data\.split=NAME"):
         BopSettings(root=str(root), split="train").build()
 
 

@@ -27,6 +27,7 @@ from hlp.data.bop_scenes import (
     CAMERA,
     COLOR,
     DEPTH,
+    TRUTH,
     FrameId,
     Scene,
     list_scenes,
@@ -169,6 +170,11 @@ class BopFrames(FileFrames):
             scene = self._scenes.get(frame[0])
             if self._every_frame or kept or (scene is not None and scene.is_broken(frame[1])):
                 chosen[frame] = kept
+        if not chosen and not any(scene.annotated for scene in self._scenes.values()):
+            raise MissingFileError(
+                f"{self._root} has no {TRUTH} with true poses (BOP keeps some private), and no list "
+                "of targets names an object: set data.split to a folder that has them"
+            )
         if not chosen:
             named = "any object" if ids is None else f"objects {sorted(ids)}"
             raise DataError(

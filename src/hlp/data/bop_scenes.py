@@ -79,20 +79,16 @@ class Scene:
     def annotations(
         self, frame_id: int
     ) -> tuple[list[schemas.TruthEntry], list[schemas.InfoEntry]]:
-        """The annotated instances, and in their order what is stated of them beside poses, if any.
-
-        Raises MissingFileError if the scene states no poses.
-        """
+        """The annotated instances, and in their order what is stated beside poses, if any."""
         entries = stored_as(schemas.Truths, *self._entry(TRUTH, frame_id))
         return entries, stored_as(schemas.Infos, *self._entry(_INFO, frame_id))
 
     def is_broken(self, frame_id: int) -> bool:
-        """Whether the annotations of a frame cannot be read."""
+        """Whether there are annotations of a frame that cannot be read."""
         try:
-            self.annotations(frame_id)
+            return self.annotated and self.annotations(frame_id) is None
         except HlpError:
             return True
-        return False
 
     def targets(self, frame_id: int) -> list[Target]:
         """All annotated instances of a frame.
@@ -134,11 +130,6 @@ class Scene:
     def _entry(self, name: str, frame_id: int) -> tuple[Any, str]:
         """What a text file states of a frame, empty if nothing; and where."""
         where = self.where(frame_id, name)
-        if name == TRUTH and not self.annotated:
-            raise MissingFileError(
-                f"there is no file {self._folder / name} with true poses to score against (BOP "
-                "keeps some private): set data.split to a folder that has them"
-            )
         if name == _INFO and not (self._folder / name).is_file():
             return [], where
         return self._read(name).get(str(frame_id), {} if name == CAMERA else []), where

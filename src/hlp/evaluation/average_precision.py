@@ -64,15 +64,20 @@ def average_precision(
             targets = [target for target in truth.targets if target.object_id == object_id]
             ignored = np.array([t.visible_fraction < LEAST_VISIBLE for t in targets], dtype=bool)
             instances[object_id] += int((~ignored).sum())
-            poses = [(e.score, e.pose_cam_obj) for e in own if e.object_id == object_id]
+            poses = [
+                (e.score, e.pose_cam_obj)
+                for e in own
+                if e.object_id == object_id and e.pose_cam_obj is not None
+            ]
             if poses:
                 measure = measures[object_id], model.diameter
                 true = [target.pose_cam_obj for target in targets]
                 found[object_id].append(_judge(truth, *measure, true, ignored, poses))
     curves = [_precisions(found[i], count) for i, count in instances.items() if count]
-    means = np.mean(curves, axis=0).tolist() if curves else [None] * len(_NAMES)
-    named = dict(zip(_NAMES, means, strict=True))
-    return {"ap": None if not curves else (means[0] + means[1]) / 2, **named}
+    if not curves:
+        return dict.fromkeys(("ap", *_NAMES))
+    means = np.mean(curves, axis=0)
+    return {"ap": float(means[:2].mean()), **dict(zip(_NAMES, means.tolist(), strict=True))}
 
 
 def _by_image(estimates: Iterable[PoseEstimate]) -> dict[_Image, list[PoseEstimate]]:

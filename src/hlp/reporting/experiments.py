@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hlp.files import write_csv, write_text
-from hlp.reporting import bop, recordings
+from hlp.reporting import bop_table as bop
 from hlp.reporting import paper_reports as paper
+from hlp.reporting import recordings
 from hlp.reporting.comparison import (
     WELL_VISIBLE,
     difference_cells,

@@ -47,6 +47,7 @@ def bop_table(results: Sequence[Result]) -> Table:
         rows += [[name, *_cells(numbers)] for name, numbers in found.items()]
         if len(found) > 1:
             means = {name: _mean([own[name] for own in found.values()]) for name in _NUMBERS}
+            means["images"] = sum(own["images"] or 0 for own in found.values())
             rows.append([f"mean, {task}", *_cells(means)])
     for name, recall, seconds, hardware in PUBLISHED:
         numbers = dict.fromkeys(_NUMBERS) | {"AR": recall, "s": seconds}

@@ -1,0 +1,43 @@
+"""BOP's seven core sets, each in its own layout, are read as they are."""
+
+import numpy as np
+import pytest
+
+from bop_sets import LAYOUTS, write_bop_set
+from hlp.data.bop import BopSettings
+from hlp.errors import DataError
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_set_is_read_in_its_own_layout(name, tmp_path):
+    layout = write_bop_set(name, tmp_path)
+    private = not next(iter(layout.splits.values()))
+    data = BopSettings(root=str(tmp_path), split="test").build()
+    frames = [data.frames.load(key) for key in data.frames.keys[:-1]]
+    assert len(data.frames) == 3 and len(data.models) == 2
+    with pytest.raises(DataError, match="no depth at any pixel"):
+        data.frames.load(data.frames.keys[-1])
+    colored = next(iter(layout.models.values())) is not None and not layout.bin  # parts are grey
+    assert {model.mesh.colored for model in data.models.values()} == {colored}
+    assert set(data.evaluation_meshes) == set(data.models)
+    assert len({tuple(frame.camera_matrix[:2, 2]) for frame in frames}) == 2
+    assert all(0.4 < np.median(frame.depth[frame.depth > 0]) < 1.3 for frame in frames)
+    for frame in frames:
+        assert (frame.rgb == frame.rgb[..., :1]).all() == layout.color.startswith("gray")
+        assert bool(frame.targets) != private
+    counts = [data.instances_to_find(frame) for frame in frames]
+    assert max(n for own in counts for n in own.values()) > 1 if layout.bin else True
+    if private:
+        assert BopSettings(root=str(tmp_path)).build().frames.load(data.frames.keys[1]).targets
+
+
+def test_detection_looks_for_all_objects_in_all_images(tmp_path):
+    write_bop_set("lmo", tmp_path)
+    listed = tmp_path / "test_targets_bop19.json"
+    listed.write_text('[{"scene_id": 1, "im_id": 1, "obj_id": 2, "inst_count": 1}]')
+    known = BopSettings(root=str(tmp_path)).build()
+    assert len(known.frames) == 1 and known.target_ids == (2,)
+    data = BopSettings(root=str(tmp_path), search="all").build()
+    assert len(data.frames) == 3 and data.target_ids == tuple(data.models) and data.search_all
+    frame = data.frames.load(data.frames.keys[0])
+    assert set(data.instances_to_find(frame)) == set(data.models)

@@ -1,0 +1,54 @@
+import zipfile
+
+from hlp.reporting.bop_table import bop_table, write_server_files
+from hlp.reporting.experiments import write_reports
+from hlp.reporting.results import read_result
+from written_results import summary, write_run, write_sweep
+
+
+def run(folder, name, search="targets", split="test", **found):
+    """A run of a set; its poses are one line."""
+    data = {"root": f"/sets/{name}", "search": search, "split": split}
+    written = write_run(folder, "bop", summary() | found, [f"data.root=/sets/{name}"], data=data)
+    (written / "poses.csv").write_text(f"scene_id,im_id,obj_id,score,R,t,time\n{name}\n")
+    return written
+
+
+def test_sets_stand_beside_their_mean_and_published_methods(tmp_path):
+    timing = summary()["timing"] | {"frames": 2, "objects": 6, "wall_ms": 500.0, "cpu_ms": 400.0}
+    recalls = {"vsd": 0.5, "mssd": 0.7, "mspd": 0.6}
+    precision = {"ap": 0.4, "mssd": 0.3, "mspd": 0.5, "mssd_mm": 0.2}
+    folders = [
+        run(tmp_path / "0", "lmo", bop={"ar": 0.6, **recalls}, timing=timing),
+        run(tmp_path / "1", "tless", bop={"ar": 0.4, **recalls}, timing=timing),
+        run(tmp_path / "2", "lmo", "all", detection=precision, timing=timing),
+    ]
+    table = bop_table([read_result(folder) for folder in folders])
+    rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
+    assert [row["set"] for row in rows[:4]] == ["lmo", "tless", "mean, localization", "lmo"]
+    assert [row["AR"] for row in rows[:4]] == ["0.600", "0.400", "0.500", ""]
+    assert [row["AP"] for row in rows[:4]] == ["", "", "", "0.400"]
+    assert rows[3]["AP mm"] == "0.200"
+    assert {(row["s"], row["CPU s"]) for row in rows[:4]} == {("1.5", "1.2")}
+    vidal = next(row for row in rows if row["set"].startswith("Vidal"))
+    assert (vidal["AR"], vidal["s"], vidal["on"]) == ("0.569", "3.2", "CPU")
+
+
+def test_poses_of_all_runs_are_packed_under_the_names_that_the_server_wants(tmp_path):
+    folder = write_sweep(tmp_path / "sweep", ["data.root"], [])
+    run(folder / "0", "lmo")
+    run(folder / "1", "ycbv", "all")
+    private = run(folder / "2", "itodd", split="test_primesense")
+    (private / "summary.json").unlink()
+    run(folder / "3", "hb", split="val_primesense")
+    unfinished = run(folder / "4", "tudl")
+    (unfinished / "manifest.json").unlink()
+    names = ["hlp_lmo-test", "hlp-detection_ycbv-test", "hlp_itodd-test", "hlp_hb-val"]
+    written = [f"{name}.csv" for name in names]
+    assert [path.name for path in write_server_files(folder)] == [*written, "hlp_bop.zip"]
+    assert (folder / "hlp_itodd-test.csv").read_text().endswith("itodd\n")
+    with zipfile.ZipFile(folder / "hlp_bop.zip") as packed:
+        assert packed.namelist() == written
+    reports = {path.name for path in write_reports(folder)}
+    assert {"bop.md", "bop.csv", *written, "hlp_bop.zip"} <= reports
+    assert write_server_files(tmp_path) == []
