@@ -172,8 +172,8 @@ class BopFrames(FileFrames):
                 chosen[frame] = kept
         if not chosen and not any(scene.annotated for scene in self._scenes.values()):
             raise MissingFileError(
-                f"{self._root} has no {TRUTH} with true poses (BOP keeps some private), and no list "
-                "of targets names an object: set data.split to a folder that has them"
+                f"{self._root} has no {TRUTH} with true poses (BOP keeps some private), and no "
+                "list of targets names an object: set data.split to a folder that has them"
             )
         if not chosen:
             named = "any object" if ids is None else f"objects {sorted(ids)}"
