@@ -201,7 +201,12 @@ def no_targets(bop):
     [
         (None, {"root": "???"}, ValueError, r"^data\.root is not set: set data\.root=VALUE$"),
         (None, {"root": "nowhere"}, FileNotFoundError, r"^data\.root is not a folder: nowhere"),
-        (None, {"split": "train"}, FileNotFoundError, r"^data\.split is not a folder: .*/lm/train"),
+        (
+            None,
+            {"split": "train"},
+            FileNotFoundError,
+            r"/lm has no folder train: set data\.split=NAME",
+        ),
         (no_mesh, {}, FileNotFoundError, r"object 1 \(box\).*models/obj_000001\.ply"),
         (broken_mesh, {}, ValueError, r"obj_000001\.ply"),
         (no_targets, {}, ValueError, "lists no target"),

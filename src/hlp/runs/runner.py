@@ -117,10 +117,8 @@ def _score(
     dataset, settings = run.dataset, run.settings
     saved = read_poses(output / POSES)
     truths = [noted.truth for noted in notes]
-    shown = Progress(truths, desc="scoring", unit="frame")
-    scores = score_targets(
-        shown, dataset.models, saved, settings.evaluation, dataset.evaluation_meshes
-    )
+    shown, meshes = Progress(truths, desc="scoring", unit="frame"), dataset.evaluation_meshes
+    scores = score_targets(shown, dataset.models, saved, settings.evaluation, meshes)
     scores = explain_misses(detection, notes, scores, settings.evaluation)
     scores = with_failed_frames(run, detection.failed, scores)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
@@ -136,7 +134,6 @@ def _score(
     )
     summary |= {"timing": timing.summary(), "frames": len(run.keys)}
     if dataset.search_all:
-        meshes = dataset.evaluation_meshes
         summary["detection"] = average_precision(truths, dataset.models, saved, meshes)
     in_vain = [*_search_empty(run, detection), *scores_in_vain(truths, estimates)]
     summary["false_alarms"] = count_false_alarms(in_vain, MIN_SCORE)
