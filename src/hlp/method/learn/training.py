@@ -55,9 +55,8 @@ def fit(
     checkpoints = folder / _CHECKPOINTS
     last = last_checkpoint(checkpoints)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    what = f"training {type(module).__name__}"
-    with _quiet(), Progress(None, what, epochs, unit="epoch") as progress:
-        engine = _make_trainer(trainer, epochs, folder, progress)
+    with _quiet():
+        engine = _make_trainer(trainer, epochs, folder)
         with _stops(engine):
             engine.fit(module, data, ckpt_path=last, weights_only=True)
     weights = {name: value.contiguous() for name, value in network.state_dict().items()}
@@ -68,9 +67,7 @@ def fit(
     checkpoints.rmdir()
 
 
-def _make_trainer(
-    trainer: TrainerSettings, epochs: int, folder: Path, progress: Progress
-) -> pl.Trainer:
+def _make_trainer(trainer: TrainerSettings, epochs: int, folder: Path) -> pl.Trainer:
     return pl.Trainer(
         accelerator=trainer.accelerator,
         devices=trainer.devices,
@@ -78,7 +75,7 @@ def _make_trainer(
         precision=trainer.precision,
         max_epochs=epochs,
         use_distributed_sampler=False,  # our loaders divide the batches themselves
-        callbacks=[_Epochs(folder, trainer.torch_threads, progress)],
+        callbacks=[_Epochs(folder, trainer.torch_threads)],
         plugins=[CheckpointFiles()],
         logger=False,
         enable_progress_bar=False,
@@ -131,21 +128,38 @@ class _Epochs(Checkpoint):
 
     Each checkpoint contains the rows so far (Lightning's CSVLogger deletes those before when a
     training is resumed) and torch's random state, from which dropout draws. The latter is restored
-    before Lightning makes the epoch's batches, which draws random numbers too.
+    before Lightning makes the epoch's batches, which draws random numbers too. The first of several
+    processes, to which this is sent, shows how far it is.
     """
 
-    def __init__(self, folder: Path, threads: int, progress: Progress) -> None:
-        self.folder, self.threads, self.progress = folder, threads, progress
+    def __init__(self, folder: Path, threads: int) -> None:
+        self.folder, self.threads = folder, threads
+        self.progress: Progress | None = None
         self.rows: list[dict[str, float]] = []
 
     def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
         torch.set_num_threads(self.threads)  # in every training process: it changes the last bits
+        if trainer.is_global_zero:
+            what = f"training {type(pl_module).__name__}"
+            self.progress = Progress(None, what, trainer.max_epochs, unit="epoch")
+
+    def teardown(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
+        self._end()
+
+    def on_exception(self, trainer: pl.Trainer, pl_module: pl.LightningModule, _: Any) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        if self.progress is not None:
+            self.progress.close()
+        self.progress = None  # it cannot be sent back to the process that has begun
 
     def on_train_epoch_end(self, trainer: pl.Trainer, _: pl.LightningModule) -> None:
         metrics = {name: float(value) for name, value in sorted(trainer.callback_metrics.items())}
         self.rows.append({"epoch": trainer.current_epoch, **metrics})
         self._write_history(trainer)
-        self.progress.update(trainer.current_epoch + 1 - self.progress.n)
+        if self.progress is not None:
+            self.progress.update(trainer.current_epoch + 1 - self.progress.n)
         folder = self.folder / _CHECKPOINTS
         trainer.save_checkpoint(folder / _PATTERN.replace("*", f"{trainer.current_epoch:06d}"))
         if trainer.is_global_zero:
