@@ -34,7 +34,7 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     rows = csv_rows(table)
     assert [*rows[0]] == [
         "data", "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", "VSD", "MSSD", "MSPD",
-        "ECE", "wrong", "false alarms", "ms",
+        "AP", "ECE", "wrong", "false alarms", "ms",
     ]  # fmt: skip
     assert (rows[0]["wrong"], rows[0]["false alarms"]) == ("2/12", "1/17")
     assert [(row["data"], row["ADD(-S)"], row["AR"], row["VSD"]) for row in rows] == [

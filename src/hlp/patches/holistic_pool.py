@@ -224,7 +224,7 @@ def _frame_windows(
     chosen = rng.integers(len(x), size=count)
     z = frame.depth[y[chosen], x[chosen]]
     centers = np.stack([x[chosen], y[chosen]], axis=1).astype(np.float64)
-    sides = (float(frame.camera_matrix[0, 0]) * sizes).astype(z.dtype) / z
+    sides = float(frame.camera_matrix[0, 0]) * sizes / z
     size_of_each = sizes.astype(z.dtype)[:, None, None]
     windows = Windows(centers, z, sides)
     return cut_windows(frame.rgb, frame.depth, windows, size_of_each, resolution)
