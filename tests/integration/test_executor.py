@@ -120,3 +120,16 @@ def test_workers_render_missing_views_and_the_same(tiny_run, work, executor):
         found = training.load_views(object_id)
         for field in dataclasses.fields(views):
             np.testing.assert_array_equal(getattr(found, field.name), getattr(views, field.name))
+
+
+def test_an_error_in_a_worker_is_the_runs(tiny_run, work, monkeypatch):
+    """A frame that cannot be searched, in whichever worker."""
+
+    def fail(*_, **__):
+        raise FileNotFoundError("the frame has gone")
+
+    detection = detection_of(tiny_run, work, "executor=threading")
+    monkeypatch.setattr("hlp.stages.detection.search_frame", fail)
+    with pytest.raises(FileNotFoundError, match="the frame has gone"):
+        detection.make("regions")
+    assert made(detection) == []

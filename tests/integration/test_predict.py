@@ -10,7 +10,11 @@ import pytest
 
 from forked_hlp import run_hlp
 from frame_files import write_camera, write_image
+from hlp import Detector
 from hlp.cli import main
+from hlp.commands.composing import compose_config
+from hlp.config.build import build_settings
+from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.geometry import rotation_distance
@@ -191,3 +195,20 @@ def test_what_is_wrong_is_said_before_anything_is_learnt(own, words, said, monke
     assert ended.value.code == 1
     assert error.startswith("hlp: ") and said in error
     assert not (own.folder / "never").exists()
+
+
+@pytest.mark.slow
+def test_the_python_api_finds_the_same_poses(own, first, tmp_path):
+    """One code path: what `hlp predict` learns and finds, `Detector` does, to the last bit."""
+    general = ("output=o", "~experiment", "name=learn", "data=bop", "data.root=.")
+    settings = build_settings(compose_config(*general, *TINY)).method
+    mesh = Path(own.given["model"])
+    detector = Detector.learn({mesh.stem: mesh}, tmp_path / "learnt", settings=settings)
+    files = {key: own.given[key] for key in ("rgb", "depth", "intrinsics")}
+    frames = OwnFrames(FrameFiles(**files))
+    frame = frames.load(frames.keys[0])  # numbered 0, as every image is for a detector
+    (found,) = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+    expected, pose = own.answers("first")[0], found.pose_cam_obj
+    assert pose[:3, :3].ravel().tolist() == expected["cam_R_m2c"]
+    assert (pose[:3, 3] * 1000.0).tolist() == expected["cam_t_m2c"]
+    assert found.score == expected["score"]
