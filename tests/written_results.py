@@ -12,6 +12,7 @@ from hlp.results.poses_file import write_scores
 CONFIG: dict[str, Any] = {
     "data": {"name": "bop", "root": "../somewhere/lm"},
     "encoder": {"dimension": 200},
+    "machine": {"device": "cpu"},
     "refinement": {"name": "pso", "particles": 25, "theta_deg": 5.0, "tau_mm": 5.0},
 }
 

@@ -25,8 +25,8 @@ def test_a_set_is_read_in_its_own_layout(name, tmp_path):
     for frame in frames:
         assert (frame.rgb == frame.rgb[..., :1]).all() == layout.color.startswith("gray")
         assert bool(frame.targets) != private
-    counts = [data.instances_to_find(frame) for frame in frames]
-    assert max(n for own in counts for n in own.values()) > 1 if layout.bin else True
+    counts = [n for frame in frames for n in data.instances_to_find(frame).values()]
+    assert (max(counts) > 1) == layout.bin
     if private:
         assert BopSettings(root=str(tmp_path)).build().frames.load(data.frames.keys[1]).targets
 

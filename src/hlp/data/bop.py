@@ -125,9 +125,10 @@ class BopSettings(FolderSettings):
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),
         )
 
-    def _empty_frames(self, folder: str) -> "EmptyFrames":
+    def _empty_frames(self, folder: str) -> "BopFrames":
         root = existing_folder("data.empty", folder)
-        return EmptyFrames(root, find_split(root), None, (), 0.0, self.max_megapixels)
+        of = root, find_split(root), None, (), 0.0, self.max_megapixels
+        return BopFrames(*of, every_frame=True)
 
     def _models(self, root: Path, objects: Mapping[str, ObjectSettings]) -> dict[int, ObjectModel]:
         return load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
@@ -258,12 +259,3 @@ class BopFrames(FileFrames):
             f"{scene.where(frame_id, CAMERA)}: cam_K",
             [(target, f"{where}, object {target.object_id}: cam_t_m2c") for target in found],
         )
-
-
-class EmptyFrames(BopFrames):
-    """All frames of a split, none of which shows an object of the data set."""
-
-    @cached_property
-    def targets(self) -> dict[FrameId, dict[int, int]]:
-        """(scene, frame) -> nothing, sorted by frame."""
-        return {(i, frame): {} for i, scene in self._scenes.items() for frame in scene.frame_ids}

@@ -42,16 +42,18 @@ _HEADER = ["set", "images", "AR", *map(str.upper, BOP_RECALLS), "AP", "AP mm", "
 def bop_table(results: Sequence[Result]) -> Table:
     """A row a set and task, the mean of each task over several sets, and published methods."""
     rows: list[list[str]] = []
+    devices = dict.fromkeys(str(result.config["machine"]["device"]) for result in results)
+    on = ", ".join(device.upper() for device in devices)
     for task in ("localization", "detection"):
         found = {_set(r.config): _numbers(r) for r in results if _task(r.config) == task}
-        rows += [[name, *_cells(numbers)] for name, numbers in found.items()]
+        rows += [[name, *_cells(numbers), on] for name, numbers in found.items()]
         if len(found) > 1:
             means = {name: _mean([own[name] for own in found.values()]) for name in _NUMBERS}
             means["images"] = sum(own["images"] or 0 for own in found.values())
-            rows.append([f"mean, {task}", *_cells(means)])
+            rows.append([f"mean, {task}", *_cells(means), on])
     for name, recall, seconds, hardware in PUBLISHED:
         numbers = dict.fromkeys(_NUMBERS) | {"AR": recall, "s": seconds}
-        rows.append([name, *_cells(numbers)[:-1], hardware])
+        rows.append([name, *_cells(numbers), hardware])
     return Table(_HEADER, rows)
 
 
@@ -112,4 +114,4 @@ def _cells(numbers: dict[str, float | None]) -> list[str]:
     shares = [format_share(numbers[name]) for name in _NUMBERS[1:-2]]
     seconds = ["" if (s := numbers[name]) is None else f"{s:.1f}" for name in _NUMBERS[-2:]]
     images = numbers["images"]
-    return ["" if images is None else f"{images:.0f}", *shares, *seconds, "CPU"]
+    return ["" if images is None else f"{images:.0f}", *shares, *seconds]

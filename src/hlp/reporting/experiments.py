@@ -77,8 +77,7 @@ def write_reports(folder: Path) -> list[Path]:
 
     figures.csv holds the main figures, as result files keep them.
     """
-    written = [path for made in reports_of(folder) for path in _write(folder, made)]
-    return written + (bop.write_server_files(folder) if folder / f"{bop.BOP}.md" in written else [])
+    return [path for made in reports_of(folder) for path in _write(folder, made)]
 
 
 def describe_reports(root: Path, layout: str) -> str:
@@ -107,6 +106,8 @@ def _write(folder: Path, made: Report) -> list[Path]:
     write_csv(rows, made.table.header, made.table.rows)
     write_text(latex, made.table.latex() + "\n")
     written += [markdown, rows, latex]
+    if made.name == bop.BOP:
+        written += bop.write_server_files(folder)
     if made.figures is not None:
         write_csv(folder / FIGURES, made.figures.header, made.figures.rows)
         written.append(folder / FIGURES)

@@ -182,7 +182,7 @@ def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
 
     Times that were measured under different load of the machine cannot be compared without it.
     """
-    loads = [run_cells(summary)["load"] or "unknown" for summary in summaries]
+    loads = [run_cells(summary)["load"] for summary in summaries]
     return [f" (load {load})" if len({*loads}) > 1 else "" for load in loads]
 
 
