@@ -1,5 +1,7 @@
 """Hydra's options among the overrides, and its errors in our words."""
 
+import logging
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from hlp.cli import main
-from hlp.commands.composing import compose_config, hydra_in_words
+from hlp.commands.composing import LogFile, compose_config, hydra_in_words
 from new_process import run_python
 
 Out = pytest.CaptureFixture[str]
@@ -130,3 +132,28 @@ def test_a_reference_to_nothing_is_one_line_with_its_key() -> None:
 
 def test_other_errors_stay_as_they_are() -> None:
     assert hydra_in_words(ValueError("something\nelse")) == "something\nelse"
+
+
+@pytest.fixture
+def logger():
+    logger = logging.Logger("of this test")
+    yield logger
+    for handler in logger.handlers:
+        with suppress(OSError):  # what could not be written cannot be written now
+            handler.close()
+
+
+def test_a_full_disk_hides_nothing_else(logger, capsys):
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    logger.addHandler(LogFile("/dev/full"))
+    logger.warning("cannot be written")
+    assert capsys.readouterr().err == ""
+
+
+def test_a_message_with_a_bug_shows_where_it_is(logger, tmp_path, capsys):
+    logger.addHandler(LogFile(tmp_path / "log"))
+    logger.warning("%d poses", "three")
+    assert "Traceback" in capsys.readouterr().err
+    logger.warning("%d poses", 3)
+    assert (tmp_path / "log").read_text() == "3 poses\n"

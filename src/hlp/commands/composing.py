@@ -70,8 +70,6 @@ def _is_of_options(word: str) -> bool:
 
 def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
     """Run one task. In a sweep an error is logged, and the other runs continue."""
-    # A log that cannot be written is silent. On a full disk, what the run says matters.
-    logging.raiseExceptions = False
     try:
         task(config)
     except (HlpError, OSError) as error:
@@ -88,6 +86,20 @@ def _remove_unused(folder: Path) -> None:
     """Remove the folder of a run that has not begun: it holds what Hydra writes first."""
     if {path.name for path in folder.glob("*")} <= {".hydra", "hlp.log"}:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+class LogFile(logging.FileHandler):
+    """The log file in a run's output folder, which is silent about a full disk.
+
+    Python's own prints a traceback for every message that it cannot write. What matters is what the
+    run says, when it cannot write its results either.
+    """
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+        """Called by `emit` while it handles an error."""
+        error = sys.exc_info()[1]
+        if error is None or not is_expected(error):
+            super().handleError(record)
 
 
 # Plugins of Hydra's with launchers, and the extra that installs each.
