@@ -5,7 +5,7 @@ import pytest
 
 from bop_sets import LAYOUTS, write_bop_set
 from hlp.data.bop import BopSettings
-from hlp.errors import DataError
+from hlp.errors import DataError, MissingFileError
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -41,3 +41,12 @@ def test_detection_looks_for_all_objects_in_all_images(tmp_path):
     assert len(data.frames) == 3 and data.target_ids == tuple(data.models) and data.search_all
     frame = data.frames.load(data.frames.keys[0])
     assert set(data.instances_to_find(frame)) == set(data.models)
+
+
+def test_a_scene_that_lacks_its_true_poses_is_named_where_others_have_them(tmp_path):
+    write_bop_set("tless", tmp_path)
+    (tmp_path / "test_primesense" / "000002" / "scene_gt.json").unlink()
+    frames = BopSettings(root=str(tmp_path)).build().frames
+    assert frames.load("000001_000000").targets
+    with pytest.raises(MissingFileError, match=r"000002/scene_gt\.json"):
+        frames.load("000002_000000")

@@ -171,7 +171,7 @@ class BopFrames(FileFrames):
             scene = self._scenes.get(frame[0])
             if self._every_frame or kept or (scene is not None and scene.is_broken(frame[1])):
                 chosen[frame] = kept
-        if not chosen and not any(scene.annotated for scene in self._scenes.values()):
+        if not chosen and self._is_private:
             raise MissingFileError(
                 f"{self._root} has no {TRUTH} with true poses (BOP keeps some private), and no "
                 "list of targets names an object: set data.split to a folder that has them"
@@ -237,6 +237,11 @@ class BopFrames(FileFrames):
         return np.asarray(mask)
 
     @cached_property
+    def _is_private(self) -> bool:
+        """Whether no scene states true poses; where some do, the others lack a file."""
+        return not any(scene.annotated for scene in self._scenes.values())
+
+    @cached_property
     def _scenes(self) -> dict[int, Scene]:
         return list_scenes(self._root)
 
@@ -249,8 +254,9 @@ class BopFrames(FileFrames):
         scene_id, frame_id = parse_frame_key(key)
         scene = self._scene(scene_id)
         camera, where = scene.camera(frame_id), scene.where(frame_id)
-        counts = self._entries[key]
-        found = most_visible(scene.targets(frame_id), counts, where) if scene.annotated else ()
+        found: tuple[Target, ...] = ()
+        if not self._is_private:
+            found = most_visible(scene.targets(frame_id), self._entries[key], where)
         return StatedFrame(
             scene.image(COLOR, frame_id),
             scene.image(DEPTH, frame_id),
