@@ -13,6 +13,10 @@ LIBRARY_TESTS := tests/test_geometry.py tests/test_settings.py tests/results tes
   tests/rendering/test_rasterizer.py tests/objects/test_meshes.py tests/models tests/config/test_build.py \
   tests/stages/test_store.py tests/reporting/mlflow/test_mlflow_tracking.py tests/data/test_bop.py
 UV := uv==0.13.8
+TOOLS := build/tools
+# Systems for which everything must be there without compiling; faiss asks for macOS 14.
+PLATFORMS := aarch64-unknown-linux-gnu aarch64-apple-darwin x86_64-pc-windows-msvc
+RESOLVE = MACOSX_DEPLOYMENT_TARGET=14.0 $(TOOLS)/bin/uv pip compile -q --python-version 3.11 -c constraints.txt
 DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
@@ -35,7 +39,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-commands test-faults test-oldest test-newest fuzz check audit docs dist ui screenshots clean
+.PHONY: help env demo test test-slow test-commands test-faults test-oldest test-newest fuzz check requirements platforms audit docs dist ui screenshots clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -119,6 +123,21 @@ check: $(STAMP) ## style, types and layers
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+
+$(TOOLS)/bin/uv: $(STAMP)
+	@$(BIN)/python -m venv $(TOOLS)
+	@$(TOOLS)/bin/pip install -q $(UV)
+
+requirements: $(TOOLS)/bin/uv ## requirements-detect.txt: what finding learnt objects needs, without what learning needs
+	@$(RESOLVE) --universal --no-annotate --custom-compile-command 'make requirements' --group detect -o requirements-detect.txt
+
+# The two that are compiled nevertheless are pure Python.
+platforms: $(TOOLS)/bin/uv ## whether there is a wheel of everything for ARM Linux, macOS and Windows
+	@for each in $(PLATFORMS); do \
+	  $(RESOLVE) --python-platform $$each --only-binary :all: --no-binary pyopengl \
+	    --no-binary antlr4-python3-runtime pyproject.toml > build/$$each.txt || exit 1; \
+	  echo "$$each: a wheel of everything"; \
+	done
 
 audit: $(AUDIT)/bin/pip-audit ## known vulnerabilities of the exact versions in constraints.txt (asks PyPI)
 	@$(AUDIT)/bin/pip-audit --requirement constraints.txt --no-deps --disable-pip

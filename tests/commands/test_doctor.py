@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from importlib.metadata import PackageNotFoundError
 from types import SimpleNamespace
 
 import cv2
@@ -85,6 +86,16 @@ def test_a_missing_library_is_named_with_what_installs_it():
     assert finding.where == "no-such-library"
     assert finding.advice == "pip install 'no-such-library>=1.2'"
     assert check_libraries() == []
+
+
+def test_where_only_what_finds_objects_is_installed_the_rest_is_one_finding(monkeypatch):
+    def version(name):
+        if name in {"torch", "mlflow"}:
+            raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("hlp.commands.doctor.version", version)
+    (finding,) = check_libraries()
+    assert finding.where == "torch" and "pip install torch==" in finding.advice
 
 
 @pytest.mark.parametrize(

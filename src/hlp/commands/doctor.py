@@ -15,6 +15,7 @@ from hlp.checks.frame_checks import check_frames, check_object_size, read_frames
 from hlp.checks.known_objects import ABSENT, check_with_objects
 from hlp.checks.true_poses import check_true_colors, check_true_poses
 from hlp.commands import arguments as own
+from hlp.commands.ending import EVERYTHING
 from hlp.data.bop import BopFrames, BopSettings
 from hlp.data.dataset import Dataset
 from hlp.data.frame_paths import with_frames
@@ -31,19 +32,23 @@ _LEAST_DISK = 2.0e9  # bytes that learning an object takes for a while
 
 
 def check_libraries(requirements: Sequence[str] | None = None) -> list[Finding]:
-    """Required libraries that are missing; by default those of the installed package."""
-    stated = requires("hlp") if requirements is None else requirements
-    found = []
-    for requirement in stated or ():
+    """Required libraries that are missing; by default those of the installed package.
+
+    Without torch, what learning needs was left out on purpose, which is one finding.
+    """
+    missing = {}
+    for requirement in (requires("hlp") if requirements is None else requirements) or ():
         if "extra ==" in requirement:
             continue
         name = re.split(r"[\s<>=!~;\[(]", requirement)[0]
         try:
             version(name)
         except PackageNotFoundError:
-            advice = f"pip install '{requirement}'"
-            found.append(Finding("libraries", name, "it is not installed", advice))
-    return found
+            missing[name] = f"pip install '{requirement}'"
+    if "torch" in missing:
+        problem = "torch is not installed: objects are found, but none can be learnt"
+        return [Finding("libraries", "torch", problem, EVERYTHING)]
+    return [Finding("libraries", name, "it is not installed", missing[name]) for name in missing]
 
 
 def check_threads() -> list[Finding]:

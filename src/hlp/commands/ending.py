@@ -10,9 +10,13 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-from hlp.errors import is_expected, shortened
+from hlp.errors import MissingDependencyError, is_expected, shortened
 
 INTERRUPTED, READER_GONE, TERMINATED = 130, 141, 143
+EVERYTHING = (
+    "To install everything: pip install torch==2.13.0, then pip install . in HLP's folder"
+    " (requirements-detect.txt is enough for predict, live and doctor)"
+)
 _CONFIGURING = {"hydra", "omegaconf", "yaml"}
 """Libraries whose errors are about what was configured."""
 
@@ -53,10 +57,15 @@ def stops_in_one_line(continues: bool = True) -> Iterator[None]:
 def fails_in_one_line() -> Iterator[None]:
     """End the process with 1 after an expected error; any other is a bug and is raised.
 
-    Expected are HLP's errors, the configuration's, and the system's, such as a full disk.
+    Expected are HLP's errors, the configuration's, and the system's, such as a full disk. Where
+    only what finds objects is installed (requirements-detect.txt), so is a missing library.
     """
     try:
         yield
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] == "hlp":
+            raise
+        fail(MissingDependencyError(f"{error.name} is not installed. {EVERYTHING}"))
     except Exception as error:
         if not is_expected(error) and not _is_of_configuration(error):
             raise
