@@ -15,7 +15,15 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from hlp.arrays import Image, Pose, Poses, Rgb, Values
-from hlp.geometry import inverse, project, rigid, rotation_distance, transform
+from hlp.geometry import (
+    inverse,
+    project,
+    quaternions,
+    rigid,
+    rotation_distance,
+    rotation_matrices,
+    transform,
+)
 from hlp.records import Mesh, ObjectModel
 from hlp.refinement.texture_kernel import (
     LogarithmGrid,
@@ -118,16 +126,16 @@ def _without_light(
 
 def _parts_of_step(motions: Poses, best: int) -> Poses:
     """The best motion and, where others are a step of an axis away, turns by parts of the step."""
-    from scipy.spatial.transform import Rotation  # slow to import, and few objects need it
-
     apart = rotation_distance(motions[:, :3, :3], motions[best, :3, :3])
     beside = int(np.argmin(np.where(apart > 1e-6, apart, np.inf)))
     if not 1e-6 < apart[beside] < _STEP:
         return motions[best : best + 1]
     step = motions[beside] @ inverse(motions[best])
-    vector = Rotation.from_matrix(step[:3, :3]).as_rotvec()
-    turns = Rotation.from_rotvec(_PARTS[:, None] * vector).as_matrix()
-    axis = vector / np.linalg.norm(vector)
+    quat = quaternions(step[:3, :3])
+    sine = float(np.linalg.norm(quat[:3]))
+    axis = quat[:3] / np.copysign(sine, quat[3])
+    half = _PARTS * np.arctan2(sine, abs(quat[3]))
+    turns = rotation_matrices(np.column_stack([np.sin(half)[:, None] * axis, np.cos(half)]))
     point = np.linalg.solve(np.eye(3) - step[:3, :3] + np.outer(axis, axis), step[:3, 3])
     return np.asarray(rigid(turns, point - turns @ point) @ motions[best])
 
