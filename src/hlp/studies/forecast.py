@@ -35,16 +35,16 @@ def say_forecast(extents: Sequence[Extent], folder: Path, work: Path) -> None:
     if not left:
         return
     costs = _measured(done, [event for own in done for event in finished[own[0]]], work)
-    rows, needed = list[list[str]](), 0.0
-    whole: Extent = ("all", *_summed(left))
-    for root, objects, images, searches in (*left, whole):
-        (learning, finding), sizes = costs * (objects, searches)
+    rows, needed, counts = list[list[str]](), 0.0, np.array([own[1:] for own in left])
+    names = [*(Path(root).name for root, *_ in left), "all"]
+    for name, own in zip(names, [*counts, counts.sum(axis=0)], strict=True):
+        (learning, finding), sizes = costs * own[[0, 2]]
         needed = sizes.sum() / 1e9
-        cells = *(f"{count:,}" for count in (objects, images, searches)), _hours(learning)
-        rows.append([Path(root).name, *cells, _hours(finding), f"{needed:.1f} GB"])
+        hours = _hours(learning), _hours(finding)
+        rows.append([name, *(f"{count:,}" for count in own), *hours, f"{needed:.1f} GB"])
     logger = logging.getLogger(__name__)
     logger.info(
-        "\nWhat is left, in hours and minutes, %s: %.3g s to learn an object,\n%.3g s to look for "
+        "What is left, in hours and minutes, %s: %.3g s to learn an object,\n%.3g s to look for "
         "one in an image. What is in %s already takes no time.\n\n%s\n",
         f"as in {len(done)} finished" if done else "as the demo on two cores",
         *(*costs[0], work, Table(_HEADER, rows).text()),
@@ -66,13 +66,8 @@ def _measured(done: Sequence[Extent], outputs: Sequence[StageEvent], work: Path)
         size = sum(path.lstat().st_size for path in (work / stage / name).rglob("*"))
         # Each of the stages that find has the time of all of them.
         totals[:, int(stage in STAGES)] += 0 if stage in STAGES[:-1] else seconds, size
-    objects, _, searches = _summed(done)
-    return totals / (max(1, objects), max(1, searches))
-
-
-def _summed(extents: Sequence[Extent]) -> tuple[int, int, int]:
-    columns = list(zip(*(own[1:] for own in extents), strict=True))
-    return sum(columns[0]), sum(columns[1]), sum(columns[2])
+    counts = np.array([own[1:] for own in done]).sum(axis=0)
+    return np.asarray(totals / np.maximum(1, counts[[0, 2]]))
 
 
 def _hours(seconds: float) -> str:
