@@ -32,6 +32,8 @@ def compose_command(words: list[str], own_files: Path) -> int:
             searched = [f"hydra.searchpath=[file://{own_files / next(remaining)}]"]
         elif word not in MULTIRUN and not word.startswith(("manifest=", "compare=")):
             overrides.append(word.replace("…", "X"))
+    if "experiment=bop" in words:
+        overrides.append("data.root=data/lmo")  # as its own sweep does
     swept = [_values(override) for override in overrides]
     count = max(map(len, swept), default=1)
     for index in range(count):

@@ -27,7 +27,11 @@ from tiny_run import TINY, TinyRun
 NETWORK = "gigabytes from a server; tests/data/test_download.py has one of its own"
 CAMERA = "a camera of Intel's; tests/integration/test_live.py has a simulated one"
 NOT_RUN = {
-    NETWORK: ["download lmo", "download voc2012 output=/data/voc"],
+    NETWORK: ["download lmo", "download tudl", "download voc2012 output=/data/voc"],
+    "seven data sets; tests/integration/test_bop_sweep.py has small ones": [
+        "-m experiment=bop data_folder=data",
+        "-m experiment=bop data_folder=data data.search=all",
+    ],
     CAMERA: ["live source=realsense learnt=learnt/ objects=bracket overlay=last.jpg"],
     "a server of MLflow's; tests/reporting/mlflow/test_mlflow_upload.py has one that is away": [
         "run reporting.uri=http://mlflow.example.org:5000 reporting.experiment=brackets"

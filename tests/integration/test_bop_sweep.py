@@ -1,6 +1,7 @@
 """`experiment=bop` on small copies of BOP's sets, from meshes to files for its server."""
 
 import csv
+import re
 
 import pytest
 
@@ -23,6 +24,11 @@ def test_one_command_ends_with_a_table_and_files_for_the_server(tmp_path):
     assert done.returncode == 0, done.stderr
     assert f"left out: there is no folder {sets / 'lmo'}" in done.stderr + done.stdout
     assert "Poses are found, not scored" in done.stdout  # ITODD's are private
+    before, *later = done.stdout.split("What is left, in hours and minutes, as ")[1:]
+    assert before.startswith("the demo on two cores: 58 s") and len(later) == 2
+    assert later[1].startswith("in 2 finished: ") and "\ntless" not in later[0]
+    assert re.search(r"\nall +6 +9 +\d+ +0:06 +0:00 +0.6 GB\n", before), before
+    assert before.index("GB\n") < before.index("step 1 of 6")
     with (tmp_path / "out" / "bop.csv").open() as stream:
         table = {row["set"]: row for row in csv.DictReader(stream)}
     assert table.keys() >= {"tless", "ycbv", "mean, localization", "Vidal et al., 2018"}

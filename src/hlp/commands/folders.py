@@ -1,7 +1,6 @@
 """`hlp download`, `notebooks` and `clean`: fill folders of the user's, and empty the stages'."""
 
 import shutil
-import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,8 +87,6 @@ def download(arguments: Sequence[str]) -> None:
     mirror = given.get("mirror")
     print(public.what)
     print(f"licence   {public.licence or 'not known to HLP'}; see {public.page}")
-    for file in public.files(images, mirror):
-        print(f"source    {file.url}")
     load(public, folder, images, mirror)
     print(f"Next: {public.next_step.format(folder=folder)}")
 
@@ -106,11 +103,8 @@ def filled(text: str) -> str:
 
 def _listed() -> Iterator[str]:
     for public in SETS.values():
-        sizes = ", ".join(f"{size} ({images})" for images, size in public.sizes.items())
-        licence = public.licence or "not known here, see its page"
-        about = f"{sizes or 'size: see the server'}; licence: {licence}"
         yield f"  {public.name:<8} {public.what}"
-        yield textwrap.fill(about, 80, initial_indent=_INDENT, subsequent_indent=_INDENT)
+        yield f"{_INDENT}licence: {public.licence or 'not known here, see its page'}"
 
 
 def notebooks(arguments: Sequence[str]) -> None:

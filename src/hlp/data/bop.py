@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Interval, Le
 
-from hlp.arrays import Mask
+from hlp.arrays import Mask, spread
 from hlp.data.bop_models import (
     AUTO,
     evaluation_meshes,
@@ -105,25 +105,42 @@ class BopSettings(FolderSettings):
         root = existing_folder("data.root", self.root)
         images = self.training_images()
         given = self._models(root, self.objects) if self.objects else None
-        split = find_split(root, self.split)
-        every = self.search == "all"
-        years = (24, 19) if every else (19, 24)
-        listed = find_targets_file(root, split, years) if self.targets == AUTO else self.targets
-        of = root, split, listed, given, self.min_visible, self.max_megapixels
-        frames = BopFrames(*of, every_frame=every)
-        ids = tuple(sorted({i for counts in frames.targets.values() for i in counts}))
-        ids = (tuple(given) if given else list_objects(root)) if every else ids
+        frames, ids = self._searched(root, given)
         models = given or self._models(root, name_objects(root, ids))
         return Dataset(
             models,
             ids,
             frames,
             **vars(images),
-            search_all=every,
+            search_all=self.search == "all",
             settings=self,
             evaluation_mesh_files=evaluation_meshes(root, models),
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),
         )
+
+    def extent(self, most: int | None) -> tuple[int, int, int]:
+        """Numbers of objects and images (at most `most`), and of searches for one in an image.
+
+        No model or image is read. Raises as `build`.
+        """
+        given = [own.id for own in self.objects.values()]
+        frames, ids = self._searched(existing_folder("data.root", self.root), given or None)
+        kept = spread(list(frames.targets.values()), most)
+        every = self.search == "all"
+        return len(ids), len(kept), sum(len(ids) if every else len(own) for own in kept)
+
+    def _searched(
+        self, root: Path, given: Collection[int] | None
+    ) -> tuple["BopFrames", tuple[int, ...]]:
+        """The frames, and the objects that are looked for in them, `given` or found."""
+        split, every = find_split(root, self.split), self.search == "all"
+        years = (24, 19) if every else (19, 24)
+        listed = find_targets_file(root, split, years) if self.targets == AUTO else self.targets
+        of = root, split, listed, given, self.min_visible, self.max_megapixels
+        frames = BopFrames(*of, every_frame=every)
+        if every:
+            return frames, tuple(given or list_objects(root))
+        return frames, tuple(sorted({i for counts in frames.targets.values() for i in counts}))
 
     def _empty_frames(self, folder: str) -> "BopFrames":
         root = existing_folder("data.empty", folder)

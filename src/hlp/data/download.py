@@ -15,7 +15,7 @@ import stat
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -47,8 +47,9 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
     """Load a data set into a new folder.
 
     Archives and what is unpacked of them lie in a folder beside it, `.NAME.partial`, until all is
-    there; a call after an interruption continues there. Raises InputError if `folder` is there
-    already, and what `fetch` and `unpack` raise.
+    there; a call after an interruption continues there. Before anything is loaded, the server is
+    asked for all archives: their sizes are said, and the disk must have room. Raises InputError if
+    `folder` is there already, and what `fetch` and `unpack` raise.
     """
     archives = public.files(images, mirror)
     folder = folder.absolute()
@@ -60,8 +61,9 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
     lock = folder.with_name(f".{folder.name}.lock")
     try:
         with locked(lock, f"another process is loading {folder}: wait for it"):
-            sources = [fetch(archive, partial / archive.name) for archive in archives]
             shutil.rmtree(unpacked, ignore_errors=True)
+            _require_room_for(archives, partial)
+            sources = [fetch(archive, partial / archive.name) for archive in archives]
             unpacked.mkdir()
             for archive in archives:
                 count = unpack(partial / archive.name, unpacked, public.name)
@@ -77,6 +79,20 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
     return folder
 
 
+def _require_room_for(archives: Sequence[Archive], partial: Path) -> None:
+    """Say how large the archives are, and what they need while they are unpacked."""
+    needed = 0
+    for archive in archives:
+        there = partial / archive.name
+        size = there.stat().st_size if there.is_file() else _ask(archive, there).size
+        said = "size not stated" if size is None else f"{size / 1e6:,.1f} MB"
+        _logger.info("source    %s (%s)", archive.url, said)
+        needed += 2 * (size or 0)  # images take at least as much unpacked
+    _logger.info("disk      %.1f GB until it is unpacked, then about half of that", needed / 1e9)
+    have = sum(path.stat().st_size for path in partial.iterdir())
+    require_room(partial, needed - have, "the data set, packed and unpacked,")
+
+
 def fetch(archive: Archive, target: Path) -> dict[str, object]:
     """Load a file to `target`, unless it is there; its address, size and SHA-256.
 
@@ -87,9 +103,6 @@ def fetch(archive: Archive, target: Path) -> dict[str, object]:
     """
     path, stated = (target, None) if target.is_file() else _receive(archive, target)
     size, sha256 = path.stat().st_size, _digest(path, "sha256")
-    if archive.size not in (None, size):
-        path.unlink()
-        raise _wrong(archive, f"it has {size} bytes, not {archive.size}")
     verified = []
     for known in dict.fromkeys((archive.checksum, stated)):
         if known is not None:
@@ -115,27 +128,42 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
 
     Raises NetworkError and DiskFullError.
     """
-    import httpx2
-    from huggingface_hub import get_hf_file_metadata, set_client_factory
-    from huggingface_hub.errors import HfHubHTTPError
     from huggingface_hub.file_download import http_get
 
-    part = target
+    about = _ask(archive, target)
+    # Another server's ETag may look like a checksum, and be none: only a hub names a commit.
+    hub = about.commit_hash and _SHA256.fullmatch(about.etag or "")
+    stated = f"sha256:{about.etag}" if hub else None
+    # A part is continued only as the beginning of the same version.
+    version = re.sub(r"[^0-9a-zA-Z]", "", about.etag or archive.checksum or "")[:64]
+    part = target.with_name(f"{target.name}.{version}.part")
+    have = part.stat().st_size if version and part.is_file() else 0
+    require_room(target.parent, (about.size or have) - have, f"the rest of {archive.name}")
+    with _explained(archive, part), part.open("ab" if have else "wb") as stream:
+        plain = {"Accept-Encoding": "identity"}
+        load = partial(http_get, about.location, stream, resume_size=have, headers=plain)
+        load(expected_size=about.size, displayed_filename=archive.name)
+    return part, stated
+
+
+def _ask(archive: Archive, target: Path) -> Any:
+    """What the server states of a file: size, ETag, commit, location. Raises NetworkError."""
+    from huggingface_hub import get_hf_file_metadata, set_client_factory
+
     set_client_factory(partial(_client, archive.url))
+    kept = next(target.parent.glob(f"{target.name}.*.part"), target)
+    with _explained(archive, kept):
+        return get_hf_file_metadata(archive.url, token=False)  # a mirror must not get the user's
+
+
+@contextmanager
+def _explained(archive: Archive, part: Path) -> Iterator[None]:
+    """Raise NetworkError for what goes wrong in the network: what is kept, and what to do."""
+    import httpx2
+    from huggingface_hub.errors import HfHubHTTPError
+
     try:
-        about = get_hf_file_metadata(archive.url, token=False)  # a mirror must not get the user's
-        # Another server's ETag may look like a checksum, and be none: only a hub names a commit.
-        hub = about.commit_hash and _SHA256.fullmatch(about.etag or "")
-        stated = f"sha256:{about.etag}" if hub else None
-        # A part is continued only as the beginning of the same version.
-        version = re.sub(r"[^0-9a-zA-Z]", "", about.etag or archive.checksum or "")[:64]
-        part = target.with_name(f"{target.name}.{version}.part")
-        have = part.stat().st_size if version and part.is_file() else 0
-        require_room(target.parent, (about.size or have) - have, f"the rest of {archive.name}")
-        with part.open("ab" if have else "wb") as stream:
-            size, plain = about.size or archive.size, {"Accept-Encoding": "identity"}
-            load = partial(http_get, about.location, stream, resume_size=have, headers=plain)
-            load(expected_size=size, displayed_filename=archive.name)
+        yield
     except HlpError:
         raise
     except (httpx2.HTTPError, OSError) as error:
@@ -143,8 +171,13 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
             raise  # of the disk
         if isinstance(error, HfHubHTTPError) and error.response.status_code == 416:
             part.unlink()  # it does not end before the file
-        raise _cut_off(archive, part, error) from error
-    return part, stated
+        have = part.stat().st_size if part.is_file() else 0
+        kept = f"{have / 1e6:.1f} MB are kept in {part}" if have else "nothing is loaded yet"
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise NetworkError(
+            f"{archive.url} cannot be loaded ({reason}); {kept}: check the network, and call again "
+            "to continue, or give another server with mirror=URL"
+        ) from error
 
 
 def _client(url: str) -> Any:
@@ -165,16 +198,6 @@ def _is_near(host: str) -> bool:
     except OSError:  # a proxy may know it
         return False
     return not all(ip_address(str(place[4][0]).partition("%")[0]).is_global for place in found)
-
-
-def _cut_off(archive: Archive, part: Path, error: Exception) -> NetworkError:
-    have = part.stat().st_size if part.is_file() else 0
-    kept = f"{have / 1e6:.1f} MB are kept in {part}" if have else "nothing is loaded yet"
-    reason = str(error).partition("\n")[0] or type(error).__name__
-    return NetworkError(
-        f"{archive.url} cannot be loaded ({reason}); {kept}: check the network, and call again "
-        "to continue, or give another server with mirror=URL"
-    )
 
 
 def _wrong(archive: Archive, problem: str) -> DataError:

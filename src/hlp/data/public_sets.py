@@ -1,7 +1,8 @@
 """Public data sets that `hlp download` loads: archives, sources, licences.
 
 Archives are those of BOP's hub (huggingface.co/datasets/bop-benchmark) and of PASCAL VOC's server.
-A licence, a size or a checksum is stated only where it is known; `None` is not known.
+A licence or a checksum is stated only where it is known; `None` is not known. The server is asked
+for sizes.
 """
 
 from collections.abc import Mapping
@@ -13,35 +14,24 @@ BOP_HUB = "https://huggingface.co/datasets/bop-benchmark"
 VOC_SERVER = "http://host.robots.ox.ac.uk/pascal/VOC/voc2012"
 IMAGES = ("bop19", "all")
 """Which test images: those of BOP's challenges, or all."""
-KNOWN: dict[str, tuple[int | None, str | None]] = {
-    "lmo_base.zip": (5_684, None),
-    "lmo_models.zip": (5_367_178, None),
-    "lmo_test_bop19.zip": (
-        117_550_985,
-        "sha256:42d7a15f317476ca3980ee7ec0344b691cbadc796835f0b14f72c89a1dcec421",
-    ),
-    "tless_base.zip": (
-        49_597,
-        "sha256:dd70ca884b7c471a530a952f70c5ab2c212f3d2c2f371be86397442b97d70a7e",
-    ),
+KNOWN = {
+    "lmo_test_bop19.zip": "sha256:42d7a15f317476ca3980ee7ec0344b691cbadc796835f0b14f72c89a1dcec421",
     "tless_test_primesense_bop19.zip": (
-        825_276_992,
-        "sha256:1a18f6bbfb5ac4ced8529f7a35225adfed88c0f62ef38067933e2b541ef1d00b",
+        "sha256:1a18f6bbfb5ac4ced8529f7a35225adfed88c0f62ef38067933e2b541ef1d00b"
     ),
-    "VOCtrainval_11-May-2012.tar": (None, "md5:6cd6e144f989b92b3379bac3b3de84fd"),
+    "tudl_test_bop19.zip": (
+        "sha256:cc68c55004dc7822a10910033aedffb3d40bf5bb0a39497b13e566dedddbea14"
+    ),
+    "VOCtrainval_11-May-2012.tar": "md5:6cd6e144f989b92b3379bac3b3de84fd",
 }
-"""Size (bytes) and checksum of archives, where they are known."""
+"""Checksums of images, where they are known. Lists of targets and models may get new versions."""
 
 
 @dataclass(frozen=True)
 class Archive:
-    """One file of a data set: its address, and its size (bytes) and checksum where known.
-
-    `checksum` is `sha256:HEX` or `md5:HEX`.
-    """
+    """One file of a data set: its address and, where known, `sha256:HEX` or `md5:HEX`."""
 
     url: str
-    size: int | None = None
     checksum: str | None = None
 
     @property
@@ -54,8 +44,8 @@ class Archive:
 class PublicSet:
     """A public data set: what it is, where it comes from, which archives it consists of.
 
-    `archives` are by `images`, each path below `base`. `sizes` are in words, by `images`.
-    `next_step` is shown when all is there, with {folder} for the folder.
+    `archives` are by `images`, each path below `base`. `next_step` is shown when all is there, with
+    {folder} for the folder.
     """
 
     name: str
@@ -63,7 +53,6 @@ class PublicSet:
     base: str
     page: str
     licence: str | None
-    sizes: Mapping[str, str]
     archives: Mapping[str, tuple[str, ...]]
     next_step: str
 
@@ -75,7 +64,7 @@ class PublicSet:
         if images not in self.archives:
             raise InputError(f"images={images}: {self.name} has {', '.join(self.archives)}")
         urls = [f"{(mirror or self.base).rstrip('/')}/{path}" for path in self.archives[images]]
-        return tuple(Archive(url, *KNOWN.get(Archive(url).name, (None, None))) for url in urls)
+        return tuple(Archive(url, KNOWN.get(Archive(url).name)) for url in urls)
 
 
 def find_set(name: str) -> PublicSet:
@@ -85,9 +74,7 @@ def find_set(name: str) -> PublicSet:
     return SETS[name]
 
 
-def _bop(
-    name: str, what: str, licence: str | None, sizes: Mapping[str, str], test: str = "test"
-) -> PublicSet:
+def _bop(name: str, what: str, licence: str | None, test: str = "test") -> PublicSet:
     archives = {
         images: tuple(
             f"{name}/resolve/main/{name}_{part}.zip"
@@ -96,36 +83,28 @@ def _bop(
         for images in IMAGES
     }
     page = f"https://bop.felk.cvut.cz/datasets/#{what.partition(':')[0]}"
-    step = "hlp run data=bop data.root={folder}"
-    return PublicSet(name, what, BOP_HUB, page, licence, sizes, archives, step)
+    step = "hlp run data=bop data.root={folder} data.split=test"  # some true poses are private
+    return PublicSet(name, what, BOP_HUB, page, licence, archives, step)
 
 
 _ALL = (
-    _bop("lm", "LM: LINEMOD, 15 objects on a cluttered table", None, {}),
-    _bop(
-        "lmo",
-        "LM-O: 8 of LINEMOD's objects, occluded",
-        "CC BY-SA 4.0",
-        {"bop19": "123 MB", "all": "0.7 GB"},
-    ),
-    _bop("icbin", "IC-BIN: 2 objects, many of each in a bin", None, {}),
-    _bop("tless", "T-LESS: 30 parts without texture", "CC BY 4.0", {}, "test_primesense"),
-    _bop(
-        "ycbv",
-        "YCB-V: 21 textured household objects, occluded",
-        "MIT",
-        {"bop19": "1.2 GB", "all": "15 GB"},
-    ),
+    _bop("lmo", "LM-O: 8 of LINEMOD's objects, occluded", "CC BY-SA 4.0"),
+    _bop("tless", "T-LESS: 30 parts without texture", "CC BY 4.0", "test_primesense"),
+    _bop("tudl", "TUD-L: 3 objects in changing light", "CC BY-SA 4.0"),
+    _bop("icbin", "IC-BIN: 2 objects, many of each in a bin", None),
+    _bop("itodd", "ITODD: 28 industrial parts, grey images", "CC BY-NC-SA 4.0"),
+    _bop("hb", "HB: 33 household and industrial objects", "CC0 1.0", "test_primesense"),
+    _bop("ycbv", "YCB-V: 21 textured household objects, occluded", "MIT"),
+    _bop("lm", "LM: LINEMOD, 15 objects on a cluttered table", None),
     PublicSet(
         "voc2012",
         "PASCAL VOC 2012: photographs, backgrounds of training in the paper",
         VOC_SERVER,
         "http://host.robots.ox.ac.uk/pascal/VOC/voc2012/",
-        "none of its own: photographs from flickr, under flickr's terms of use",
-        {"all": "2 GB"},
+        "none of its own: flickr's terms of use",
         {"all": ("VOCtrainval_11-May-2012.tar",)},
         "hlp run data=bop data.root=… data.photographs={folder}/VOCdevkit/VOC2012/JPEGImages",
     ),
 )
 SETS = {public.name: public for public in _ALL}
-"""All data sets by name."""
+"""All data sets by name: BOP's seven core sets first."""

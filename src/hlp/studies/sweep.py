@@ -11,13 +11,14 @@ so what only sweeps need is imported by its functions.
 import logging
 import os
 import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
@@ -30,6 +31,9 @@ from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.mlflow.tracking import ChildRun, MlflowSettings, as_child_run, track_run
 from hlp.settings import read_settings
 from hlp.stages.executor_settings import ends_with
+
+if TYPE_CHECKING:
+    from hlp.studies.forecast import Extent
 
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
@@ -55,12 +59,13 @@ class SweepCallback(Callback):
 def _open_sweep(config: DictConfig) -> None:
     from hlp.reporting.sweeps import short_key
     from hlp.runs.mlflow_log import choice_tags, place_tags
+    from hlp.studies.forecast import say_forecast
 
     folder = Path(config.hydra.sweep.dir).absolute()
     folder.mkdir(parents=True, exist_ok=True)
     _OPEN.enter_context(locked(folder / LOCK, f"another sweep is writing into {folder}"))
     overrides = [word for word in config.hydra.overrides.task if not word.startswith("output=")]
-    swept = _swept_keys(config)
+    swept = _swept(config)
     command = " ".join(["hlp -m", *overrides])
     settings = _tracking(config)
     data = str(config.hydra.runtime.choices.get("data", ""))
@@ -77,11 +82,13 @@ def _open_sweep(config: DictConfig) -> None:
     )
     record = {
         "overrides": overrides,
-        "swept": swept,
-        "defaults": _swept_values(config, [], swept),
+        "swept": [*swept],
+        "defaults": _swept_values(config, [], [*swept]),
         "run_id": tracker.run_id,
         "process": os.getpid(),
+        "extents": (extents := _extents(config, swept)),
     }
+    say_forecast(extents, folder, Path(config.work))
     _OPEN.enter_context(_recorded(folder, record, tracker))
 
 
@@ -118,6 +125,7 @@ def run_one(config: DictConfig) -> None:
     from hlp.config import build
     from hlp.runs.manifest import is_finished
     from hlp.runs.mlflow_log import choice_tags, place_tags
+    from hlp.studies.forecast import say_forecast
 
     hydra = HydraConfig.get()
     if not _has_data(config):
@@ -147,6 +155,7 @@ def run_one(config: DictConfig) -> None:
             logging.getLogger(__name__).info("finished already: %s in %s", name, output)
             return
         run.settings.task.run(run, output)
+    say_forecast(sweep["extents"], output.parent, Path(config.work))
 
 
 def _share_scores(config: DictConfig, overrides: Sequence[str], swept: Sequence[str]) -> None:
@@ -244,13 +253,27 @@ def _is_running(folder: Path) -> bool:
         return True
 
 
-def _swept_keys(config: DictConfig) -> list[str]:
-    """Keys with several values on the command line or in `hydra.sweeper.params`."""
+def _swept(config: DictConfig) -> dict[str, Override]:
+    """What has several values on the command line or in `hydra.sweeper.params`, by its key."""
     given = OmegaConf.select(config, "hydra.sweeper.params") or {}
     overrides = [*(f"{key}={value}" for key, value in given.items()), *config.hydra.overrides.task]
     parsed = OverridesParser.create().parse_overrides(overrides)
-    keys = [override.key_or_group for override in parsed if override.is_sweep_override()]
-    return list(dict.fromkeys(keys))
+    return {own.key_or_group: own for own in parsed if own.is_sweep_override()}
+
+
+def _extents(config: DictConfig, swept: Mapping[str, Override]) -> list["Extent"]:
+    """Root and `extent` of the data sets of a sweep over nothing else, as far as they are there."""
+    from hlp.data.bop import BopSettings
+
+    found: list[Extent] = []
+    if [*swept] == ["data.root"] and config.data.name == "bop":
+        for root in swept["data.root"].sweep_string_iterator():
+            own = OmegaConf.merge(config, {"data": {"root": root}}).data
+            values = cast(dict[str, Any], OmegaConf.to_container(own, resolve=True))
+            with suppress(HlpError, FileNotFoundError):  # its run says what is wrong
+                extent = read_settings(BopSettings, values, "data").extent(config.frames)
+                found.append((values["root"], *extent))
+    return found
 
 
 def _swept_values(
