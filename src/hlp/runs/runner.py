@@ -118,7 +118,8 @@ def _score(
     saved = read_poses(output / POSES)
     truths = [noted.truth for noted in notes]
     shown, meshes = Progress(truths, desc="scoring", unit="frame"), dataset.evaluation_meshes
-    scores = score_targets(shown, dataset.models, saved, settings.evaluation, meshes)
+    of = dataset.models, saved, settings.evaluation, meshes, dataset.vsd_delta
+    scores = score_targets(shown, *of)
     scores = explain_misses(detection, notes, scores, settings.evaluation)
     scores = with_failed_frames(run, detection.failed, scores)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
