@@ -4,17 +4,17 @@
 them all.
 """
 
-import shutil
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from hlp.files import MANIFEST, POSES, SUMMARY, TIMES
+from hlp.files import MANIFEST, POSES, SUMMARY, TIMES, read_csv, write_csv
 from hlp.reporting.results import Manifest, Result, read_result
 from hlp.reporting.summary_tables import BOP_RECALLS
 from hlp.reporting.table import Table, format_share
+from hlp.results.poses_file import POSE_COLUMNS
 from hlp.settings import read_as
 
 BOP = "bop"
@@ -76,13 +76,20 @@ def write_server_files(folder: Path) -> list[Path]:
     """Copy the poses of `bop_runs` under BOP's names, and pack them.
 
     Those of detection have `-detection` in their names, since the server has another form for them.
+    The time of an image that an earlier, interrupted call had searched is not known (-1). With one
+    such image the server shows no time at all: it gets the mean of those that were measured.
     """
     written: list[Path] = []
     for run in bop_runs(folder):
         split = "val" if str(run.config["data"]["split"]).startswith("val") else "test"
         task = "-detection" if _task(run.config) == "detection" else ""
         written.append(folder / f"hlp{task}_{_set(run.config)}-{split}.csv")
-        shutil.copyfile(run.folder / POSES, written[-1])
+        seconds = _numbers(run)["s"]
+        rows = read_csv(run.folder / POSES, POSE_COLUMNS)
+        for row in rows:
+            if seconds is not None and float(row["time"] or 0) < 0:
+                row["time"] = seconds
+        write_csv(written[-1], POSE_COLUMNS, [list(row.values()) for row in rows])
     if written:
         with zipfile.ZipFile(folder / "hlp_bop.zip", "w", zipfile.ZIP_DEFLATED) as packed:
             for path in written:

@@ -80,7 +80,8 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         tracker.describe("\n\n".join([verdict, *trained]))
         tracker.log_artifacts(output)
     print(said)
-    say_failed(detection.failed, len(run.keys))
+    if summary:
+        say_failed(detection.failed, len(run.keys))
     _say_where(run, output, tracker)
     return summary
 
