@@ -16,7 +16,13 @@ import numpy as np
 from hlp.data.synthetic.bins import BinSettings
 from hlp.data.synthetic.scenes import SyntheticSettings
 from hlp.records import Frame, Mesh, ObjectModel, Target
+from tiny_run import TINY
 
+SMALLEST = (
+    *(word for word in TINY if not word.startswith(("data.", "frames=", "panels="))),  # the demo's
+    *("panels=0", "output=out", "reporting=none", "machine.threads=2"),
+)
+"""What makes `experiment=bop` as short as it can be on these sets."""
 BOWL = 2
 """The demo object that is symmetric."""
 

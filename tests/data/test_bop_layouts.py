@@ -10,9 +10,10 @@ from hlp.errors import DataError, MissingFileError
 
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_a_set_is_read_in_its_own_layout(name, tmp_path):
-    layout = write_bop_set(name, tmp_path)
+    root = tmp_path / name
+    layout = write_bop_set(name, root)
     private = not next(iter(layout.splits.values()))
-    data = BopSettings(root=str(tmp_path), split="test").build()
+    data = BopSettings(root=str(root), split="test").build()
     frames = [data.frames.load(key) for key in data.frames.keys[:-1]]
     assert len(data.frames) == 3 and len(data.models) == 2
     with pytest.raises(DataError, match="no depth at any pixel"):
@@ -27,8 +28,9 @@ def test_a_set_is_read_in_its_own_layout(name, tmp_path):
         assert bool(frame.targets) != private
     counts = [n for frame in frames for n in data.instances_to_find(frame).values()]
     assert (max(counts) > 1) == layout.bin
+    assert data.vsd_delta == (0.005 if name == "itodd" else 0.015)
     if private:
-        assert BopSettings(root=str(tmp_path)).build().frames.load(data.frames.keys[1]).targets
+        assert BopSettings(root=str(root)).build().frames.load(data.frames.keys[1]).targets
 
 
 def test_detection_looks_for_all_objects_in_all_images(tmp_path):

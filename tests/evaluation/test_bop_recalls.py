@@ -3,18 +3,17 @@
 import numpy as np
 import pytest
 from boxes import EXTENTS, TRUE, box_model, moved
+from ray_boxes import box_depth
 from scipy.spatial.transform import Rotation
 
 from hlp.evaluation.bop_recalls import (
     FRACTIONS,
-    PIXELS,
     BopRecalls,
-    match,
     measured_mask,
     unoccluded_mask,
 )
 from hlp.evaluation.errors import VSD_DELTA
-from hlp.geometry import inverse, rigid
+from hlp.geometry import rigid
 from hlp.records import Frame, Mesh, ObjectModel, Target
 
 DIAMETER = float(np.linalg.norm(EXTENTS))
@@ -28,14 +27,7 @@ RECALLS = BopRecalls(MODEL, MODEL.mesh)
 
 
 def _box_depth(pose, offset):
-    """Depth of the box where the rays through pixels + offset enter it: slabs, no triangles."""
-    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] + offset
-    rays = np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], np.ones(SHAPE)], axis=-1)
-    to_object = inverse(pose)
-    start, along = to_object[:3, 3], rays @ to_object[:3, :3].T
-    ends = np.stack([(side * np.array(EXTENTS) / 2 - start) / along for side in (-1, 1)])
-    enter, leave = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
-    return np.where((enter < leave) & (enter > 0), enter, 0.0)
+    return box_depth(pose, EXTENTS, K, SHAPE, offset)
 
 
 def _reference_vsd(estimated, true, observed, offset=0.5):
@@ -102,26 +94,6 @@ def test_vsd_of_a_pose_that_misses_the_object_is_that_of_the_whole_image(estimat
     np.testing.assert_array_equal(found, 1.0)
 
 
-def _reference_matches(errors, limit):
-    """Estimates in order, each takes the closest free instance below the limit."""
-    taken = []
-    for row in errors:
-        near = [(error, j) for j, error in enumerate(row) if error < limit and j not in taken]
-        taken.append(min(near)[1] if near else -1)
-    return taken
-
-
-def test_matching_is_greedy_for_every_limit_and_tolerance():
-    errors = np.random.default_rng(0).random((4, 5, 3))
-    limits = np.array([0.1, 0.3, 0.6, 0.9])
-    found = match(errors, limits)
-    assert found.shape == (4, 3, 4)
-    for t in range(3):
-        for k, limit in enumerate(limits):
-            assert found[:, t, k].tolist() == _reference_matches(errors[:, :, t], limit)
-    assert match(errors[:, :0], limits).max() == -1
-
-
 def test_without_estimates_nothing_is_matched():
     recalls = RECALLS.of([TRUE, moved(dx=0.1)], [], K, 160, _scene())
     np.testing.assert_array_equal(recalls, np.zeros((2, 3)))
@@ -137,19 +109,6 @@ def test_recalls_of_several_instances_count_matches_below_each_threshold():
     # Where both lie below a threshold, the first takes the instance and the second has none left.
     assert mssd[1] == 0.0 and vsd[1] == 0.0
     assert 0 < mspd[0] <= 1 and 0 < vsd[0] <= 1
-
-
-def test_mssd_and_mspd_take_the_nearest_symmetric_pose():
-    turned = box_model(EXTENTS, symmetries=np.stack([np.eye(4), QUARTER]), fine=False)
-    recalls = BopRecalls(turned, turned.mesh).of([TRUE], [TRUE @ QUARTER], K, 640, None)
-    assert np.isnan(recalls[0, 0])
-    np.testing.assert_array_equal(recalls[0, 1:], 1.0)
-    plain = RECALLS.of([TRUE], [TRUE @ QUARTER], K, 640, None)
-    corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, -1).T * EXTENTS / 2
-    a, b = (pose[:3, :3] @ corners.T + pose[:3, 3:] for pose in (TRUE, TRUE @ QUARTER))
-    assert plain[0, 1] == (np.linalg.norm(a - b, axis=0).max() < FRACTIONS * DIAMETER).mean()
-    a, b = ((K @ each / each[2])[:2] for each in (a, b))
-    assert plain[0, 2] == (np.linalg.norm(a - b, axis=0).max() < PIXELS).mean()
 
 
 CAMERA = np.array([[100.0, 0.0, 20.0], [0.0, 100.0, 15.0], [0.0, 0.0, 1.0]])

@@ -1,4 +1,4 @@
-"""Errors against plain loops over their definitions, and what must hold of them for every pose."""
+"""Errors by their definitions, and what must hold of them; see also test_toolkit_values.py."""
 
 import dataclasses
 
@@ -7,7 +7,6 @@ import pytest
 from boxes import box_model
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from generated_values import motions, point_sets, poses_in_front
@@ -36,17 +35,6 @@ def _at(pose, vertex):
 def _pixel(pose, vertex):
     x, y, z = _at(pose, vertex)
     return np.array([K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]])
-
-
-def test_add_and_adi_are_means_of_distances_computed_one_by_one():
-    estimated, true, vertices = _poses(0)
-    add = np.mean([np.linalg.norm(_at(estimated, v) - _at(true, v)) for v in vertices])
-    assert errors.add(estimated, true, vertices) == pytest.approx(add, rel=1e-10)
-    moved = [_at(estimated, v) for v in vertices]
-    adi = np.mean([min(np.linalg.norm(_at(true, v) - m) for m in moved) for v in vertices])
-    assert errors.add_s(estimated, true, vertices) == pytest.approx(adi, rel=1e-10)
-    assert errors.add_s(estimated, true, vertices, cKDTree(vertices)) == pytest.approx(adi)
-    assert adi < add
 
 
 def test_adi_starts_from_the_true_vertices():
@@ -91,24 +79,10 @@ def test_box_iou_is_that_of_boxes_computed_one_by_one():
     assert errors.box_iou(true, behind, vertices, K) == 0.0
 
 
-@pytest.mark.parametrize("steps", [1, 4])
-def test_mssd_and_mspd_equal_loops_over_symmetries_and_vertices(steps):
-    estimated, true, vertices = _poses(7)
-    angles = np.arange(steps)[:, None] * 2 * np.pi / steps * np.array([0.0, 0.0, 1.0])
-    turns = rigid(Rotation.from_rotvec(angles).as_matrix(), np.zeros(3))
-    surface, pixels = (
-        min(
-            max(np.linalg.norm(place(estimated, v) - place(true @ turn, v)) for v in vertices)
-            for turn in turns
-        )
-        for place in (_at, _pixel)
-    )
-    assert errors.mssd(estimated, true, vertices, turns) == pytest.approx(surface)
-    assert errors.mspd(estimated, true, vertices, turns, K) == pytest.approx(pixels)
-    assert errors.mssd(true @ turns[-1], true, vertices, turns) == pytest.approx(0, abs=1e-12)
-    behind = true.copy()
+def test_mspd_of_a_pose_across_the_camera_is_infinite():
+    behind, true, vertices = _poses(7)
     behind[2, 3] = 0.0
-    assert errors.mspd(behind, true, vertices, turns, K) == float("inf")
+    assert errors.mspd(behind, true, vertices, np.eye(4)[None], K) == float("inf")
 
 
 def test_vsd_is_one_where_nothing_is_visible():

@@ -60,6 +60,13 @@ SWEEP_PLACES = {
 }
 """Likewise, in the order of a sweep of two settings."""
 
+BOP_PLACES = {
+    "network half written": PLACES["network half written"],
+    "frame": PLACES["frame"],
+    "files for the server": ("hlp.reporting.bop_table", "write_csv", 1),
+}
+"""Likewise, in the order of `experiment=bop` on two sets."""
+
 CODES = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 """What a process returns after a signal."""
 LINES = {
@@ -71,7 +78,7 @@ LINES = {
 
 def stop_hlp(folder, place, number, *arguments):
     """Call `hlp`, which gets a signal at a place, and then is gone with all its workers."""
-    places = {**PLACES, **LEARNING_PLACES, **COMMAND_PLACES, **SWEEP_PLACES}
+    places = PLACES | LEARNING_PLACES | COMMAND_PLACES | SWEEP_PLACES | BOP_PLACES
     ended = run_hlp(folder, *arguments, first=[partial(stop_at, *places[place], number)])
     assert ended.returncode == CODES[signal.Signals(number)], (place, ended.stderr)
     assert wait_until_gone(folder), place

@@ -115,6 +115,7 @@ class BopSettings(FolderSettings):
             search_all=self.search == "all",
             settings=self,
             evaluation_mesh_files=evaluation_meshes(root, models),
+            vsd_delta=0.005 if root.name == "itodd" else Dataset.vsd_delta,  # as the toolkit has it
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),
         )
 

@@ -113,7 +113,8 @@ class Dataset(TrainingImages):
     With `search_all` every target object is looked for in every frame, its number of instances not
     being known, to count false alarms. `empty_frames` show no object. `settings` are those that the
     data set was built from; workers build it again from them. `evaluation_mesh_files` are meshes
-    (mm) for BOP's errors; an object without one has its model's.
+    (mm) for BOP's errors; an object without one has its model's. `vsd_delta` is BOP's tolerance (m)
+    of VSD for this data set.
     """
 
     models: dict[int, ObjectModel]
@@ -123,6 +124,7 @@ class Dataset(TrainingImages):
     settings: "DataSettings | None" = None
     evaluation_mesh_files: Mapping[int, Path] = field(default_factory=dict)
     empty_frames: FrameSource | None = None
+    vsd_delta: float = 0.015
 
     @cached_property
     def evaluation_meshes(self) -> dict[int, Mesh]:

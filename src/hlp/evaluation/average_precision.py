@@ -3,7 +3,8 @@
 It agrees with the BOP toolkit's eval_bop24_pose: the curve of precision by recall, made to fall, is
 read at 101 recalls as in COCO, and averaged over the limits of an error, then over objects.
 Instances that are hardly visible count neither as found nor as missed, nor does what is matched to
-them count as wrong.
+them count as wrong. Nor does an answer for an object that the image does not show: the toolkit asks
+the truth what to look at. Such answers are false alarms, which are counted apart.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -69,7 +70,7 @@ def average_precision(
                 for e in own
                 if e.object_id == object_id and e.pose_cam_obj is not None
             ]
-            if poses:
+            if poses and targets:
                 measure = measures[object_id], model.diameter
                 true = [target.pose_cam_obj for target in targets]
                 found[object_id].append(_judge(truth, *measure, true, ignored, poses))

@@ -28,11 +28,14 @@ _HALF_A_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 
 class BopRecalls:
-    """Recalls of one object, with the errors measured on `mesh` (BOP: that of `models_eval`)."""
+    """Recalls of one object, with the errors measured on `mesh` (BOP: that of `models_eval`).
 
-    def __init__(self, model: ObjectModel, mesh: Mesh) -> None:
+    `delta` (m) is VSD's.
+    """
+
+    def __init__(self, model: ObjectModel, mesh: Mesh, delta: float = errors.VSD_DELTA) -> None:
         self._mesh, self._diameter, self._symmetries = mesh, model.diameter, model.symmetries
-        self._hull = hull_vertices(mesh)
+        self._hull, self._delta = hull_vertices(mesh), delta
 
     def of(
         self,
@@ -83,7 +86,7 @@ class BopRecalls:
         poses, size = np.stack([estimated, true]), (bottom - top, right - left)
         rendered = render_depth(self._mesh, poses, crop - _HALF_A_PIXEL, size, 1)
         seen, tolerances = observed[top:bottom, left:right], list(FRACTIONS * self._diameter)
-        return errors.vsd(rendered[0], rendered[1], seen, crop, tolerances)
+        return errors.vsd(rendered[0], rendered[1], seen, crop, tolerances, self._delta)
 
     def _box(
         self, pose: Pose, camera_matrix: CameraMatrix, width: int, height: int

@@ -99,12 +99,13 @@ def vsd(
     observed_depth: Image,
     camera_matrix: CameraMatrix,
     tolerances: Sequence[float],
+    delta: float = VSD_DELTA,
 ) -> Values:
     """Visible surface discrepancy (ibid.), one value for each misalignment tolerance (m).
 
     Depth maps (h, w) are in metres, 0 where there is none: the model rendered at both poses, and
     the image. Distances are along the viewing rays. A rendered pixel is visible if it lies at most
-    `VSD_DELTA` behind the observed one or none was observed; a pixel of the estimate also where the
+    `delta` (m) behind the observed one or none was observed; a pixel of the estimate also where the
     truth is visible.
     """
     height, width = true_depth.shape
@@ -113,7 +114,7 @@ def vsd(
     estimated, true, observed = (d * rays for d in (estimated_depth, true_depth, observed_depth))
 
     def visible(rendered: Image) -> Mask:
-        return np.asarray((rendered > 0) & ((rendered - observed <= VSD_DELTA) | (observed == 0)))
+        return np.asarray((rendered > 0) & ((rendered - observed <= delta) | (observed == 0)))
 
     true_seen = visible(true)
     estimated_seen = visible(estimated) | (true_seen & (estimated > 0))

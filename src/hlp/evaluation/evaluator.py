@@ -63,11 +63,12 @@ def score_targets(
     estimates: Iterable[PoseEstimate],
     settings: EvaluationSettings,
     meshes: Mapping[int, Mesh] | None = None,
+    vsd_delta: float = errors.VSD_DELTA,
 ) -> list[TargetScore]:
     """One score for each target of the frames, frame by frame and object by object.
 
     `estimates` are those of all frames. `meshes` are those on which BOP's errors are measured; by
-    default and for objects that are not named the models' own.
+    default and for objects that are not named the models' own. `vsd_delta` (m) is that of VSD.
 
     Of an object with n targets in a frame, the n estimates with the highest scores count. In that
     order, each is matched to the free target with the smallest ADD(-S), first those that are right,
@@ -88,7 +89,8 @@ def score_targets(
                 raise DataError(f"targets ask for object {object_id}, which has no model")
             if object_id not in scorers:
                 bop_mesh = (meshes or {}).get(object_id, models[object_id].mesh)
-                scorers[object_id] = _ObjectScorer(models[object_id], settings, bop_mesh)
+                of = models[object_id], settings, bop_mesh, vsd_delta
+                scorers[object_id] = _ObjectScorer(*of)
             own = found.get((truth.scene_id, truth.frame_id, object_id), [])
             scores += scorers[object_id].score(truth, depth, own)
     return scores
@@ -98,7 +100,7 @@ def add_correct(
     poses_cam_obj: Poses, true_pose: Pose, model: ObjectModel, settings: EvaluationSettings
 ) -> Flags:
     """Verdict of ADD(-S) on many poses of one target, by the same policy as `score_targets`."""
-    scorer = _ObjectScorer(model, settings, model.mesh)
+    scorer = _ObjectScorer(model, settings, model.mesh, errors.VSD_DELTA)
     distances = np.array([scorer.add_error(pose, true_pose) for pose in poses_cam_obj])
     return distances < scorer.add_limit
 
@@ -106,8 +108,11 @@ def add_correct(
 class _ObjectScorer:
     """Scores the targets of one object; keeps what its errors need more than once."""
 
-    def __init__(self, model: ObjectModel, settings: EvaluationSettings, bop_mesh: Mesh) -> None:
-        self._model, self._settings, self._bop_mesh = model, settings, bop_mesh
+    def __init__(
+        self, model: ObjectModel, settings: EvaluationSettings, bop_mesh: Mesh, vsd_delta: float
+    ) -> None:
+        self._model, self._settings = model, settings
+        self._of_bop = model, bop_mesh, vsd_delta
         self._vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
         self.add_limit = settings.add_fraction * model.diameter
         self._symmetric = settings.is_symmetric(model)
@@ -117,7 +122,7 @@ class _ObjectScorer:
 
     @cached_property
     def _bop_recalls(self) -> BopRecalls:
-        return BopRecalls(self._model, self._bop_mesh)
+        return BopRecalls(*self._of_bop)
 
     def score(
         self, truth: FrameTruth, depth: Image | None, estimates: Sequence[PoseEstimate]

@@ -4,17 +4,18 @@
 them all.
 """
 
-import shutil
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from hlp.files import MANIFEST, POSES, read_json
-from hlp.reporting.results import Result
+from hlp.files import MANIFEST, POSES, SUMMARY, TIMES, read_csv, write_csv
+from hlp.reporting.results import Manifest, Result, read_result
 from hlp.reporting.summary_tables import BOP_RECALLS
 from hlp.reporting.table import Table, format_share
+from hlp.results.poses_file import POSE_COLUMNS
+from hlp.settings import read_as
 
 BOP = "bop"
 PUBLISHED = (
@@ -33,8 +34,8 @@ NOTE = (
     "AR: mean of BOP's average recalls VSD, MSSD and MSPD, the objects of an image being given. AP:"
     " BOP's average precision (2024), every object of the set being looked for in every image;"
     " AP mm: over 2 to 20 mm of MSSD (2025). Seconds of an image include those without an answer."
-    " The published rows are means over seven core sets, measured by others on their hardware"
-    " (arXiv 2504.02812 and BOP's leaderboard)."
+    " Means are over the sets whose true poses are known. The published rows are means over seven"
+    " core sets, measured by others on their hardware (arXiv 2504.02812 and BOP's leaderboard)."
 )
 _HEADER = ["set", "images", "AR", *map(str.upper, BOP_RECALLS), "AP", "AP mm", "s", "CPU s", "on"]
 
@@ -47,9 +48,11 @@ def bop_table(results: Sequence[Result]) -> Table:
     for task in ("localization", "detection"):
         found = {_set(r.config): _numbers(r) for r in results if _task(r.config) == task}
         rows += [[name, *_cells(numbers), on] for name, numbers in found.items()]
-        if len(found) > 1:
-            means = {name: _mean([own[name] for own in found.values()]) for name in _NUMBERS}
-            means["images"] = sum(own["images"] or 0 for own in found.values())
+        averaged = [own for own in found.values() if {own["AR"], own["AP"]} != {None}]
+        averaged = averaged or [*found.values()]
+        if len(averaged) > 1:
+            means = {name: _mean([own[name] for own in averaged]) for name in _NUMBERS}
+            means["images"] = sum(own["images"] or 0 for own in averaged)
             rows.append([f"mean, {task}", *_cells(means), on])
     for name, recall, seconds, hardware in PUBLISHED:
         numbers = dict.fromkeys(_NUMBERS) | {"AR": recall, "s": seconds}
@@ -57,21 +60,36 @@ def bop_table(results: Sequence[Result]) -> Table:
     return Table(_HEADER, rows)
 
 
-def write_server_files(folder: Path) -> list[Path]:
-    """Copy the poses of all runs in a sweep's folder under BOP's names, and pack them.
+def bop_runs(folder: Path) -> list[Result]:
+    """The finished runs in a sweep's folder, or that of one run; also those of private true poses.
 
-    Also of runs on images whose true poses are private. Those of detection have `-detection` in
-    their names, since the server has another form for them.
+    Raises DataError for a broken file.
+    """
+    manifests = [*folder.glob(MANIFEST), *sorted(folder.glob(f"*/{MANIFEST}"))]
+    runs = [path.parent for path in manifests]
+    ended = [run for run in runs if (run / SUMMARY).is_file() or (run / TIMES).is_file()]
+    of_bop = [run for run in ended if read_as(run / MANIFEST, Manifest).config["name"] == BOP]
+    return [read_result(run) for run in of_bop]
+
+
+def write_server_files(folder: Path) -> list[Path]:
+    """Copy the poses of `bop_runs` under BOP's names, and pack them.
+
+    Those of detection have `-detection` in their names, since the server has another form for them.
+    The time of an image that an earlier, interrupted call had searched is not known (-1). With one
+    such image the server shows no time at all: it gets the mean of those that were measured.
     """
     written: list[Path] = []
-    for run in sorted(path.parent for path in folder.glob(f"*/{POSES}")):
-        if not (run / MANIFEST).is_file():
-            continue
-        config = read_json(run / MANIFEST)["config"]
-        split = "val" if str(config["data"]["split"]).startswith("val") else "test"
-        task = "-detection" if _task(config) == "detection" else ""
-        written.append(folder / f"hlp{task}_{_set(config)}-{split}.csv")
-        shutil.copyfile(run / POSES, written[-1])
+    for run in bop_runs(folder):
+        split = "val" if str(run.config["data"]["split"]).startswith("val") else "test"
+        task = "-detection" if _task(run.config) == "detection" else ""
+        written.append(folder / f"hlp{task}_{_set(run.config)}-{split}.csv")
+        seconds = _numbers(run)["s"]
+        rows = read_csv(run.folder / POSES, POSE_COLUMNS)
+        for row in rows:
+            if seconds is not None and float(row["time"] or 0) < 0:
+                row["time"] = seconds
+        write_csv(written[-1], POSE_COLUMNS, [list(row.values()) for row in rows])
     if written:
         with zipfile.ZipFile(folder / "hlp_bop.zip", "w", zipfile.ZIP_DEFLATED) as packed:
             for path in written:

@@ -64,11 +64,11 @@ def reports_of(folder: Path) -> list[Report]:
             made.append(_table(name, results, found))
         elif name == RECORDINGS:
             made.append(_recordings(results, found))
-        elif name == bop.BOP:
-            made.append(Report(name, bop.bop_table(results), [*_made_by(found), bop.NOTE], None))
         elif name == LADDER:
             steps = {result.chosen[LADDER]: result for result in results if LADDER in result.chosen}
             made += [_ladder(steps, found)] if steps else []
+    if sweeps and (runs := bop.bop_runs(folder)):
+        made.append(Report(bop.BOP, bop.bop_table(runs), [*_made_by(sweeps[0]), bop.NOTE], None))
     return made
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hlp.errors import DataError
-from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, parse_yaml
+from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, TIMES, parse_yaml, read_json
 from hlp.folders import found_below
 from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
 from hlp.results.recalls import TargetKey, read_summary
@@ -124,9 +124,13 @@ def run_command(folder: Path) -> str:
 
 
 def read_result(folder: Path) -> Result:
-    """The result in the folder of a finished run. Raises DataError for a broken file."""
-    manifest = read_as(folder / MANIFEST, Manifest)
-    summary = read_summary(folder / SUMMARY)
+    """The result in the folder of a finished run. Raises DataError for a broken file.
+
+    If its true poses are private, the summary has but `timing`.
+    """
+    manifest, times = read_as(folder / MANIFEST, Manifest), folder / TIMES
+    private = times.is_file() and not (folder / SUMMARY).is_file()
+    summary = {"timing": read_json(times)} if private else read_summary(folder / SUMMARY)
     frames = len(manifest.data.keys)
     return Result(manifest.config, summary, frames, chosen_values(folder), folder)
 

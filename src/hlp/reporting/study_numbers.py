@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hlp.errors import DataError
-from hlp.files import SUMMARY, read_json
+from hlp.files import SUMMARY, TIMES, read_json
 from hlp.reporting.study_tables import (
     CONFIGURED,
     TOTAL,
@@ -90,6 +90,16 @@ def _read_run(path: Path) -> list[Number]:
     return numbers
 
 
+def _read_times(path: Path) -> list[Number]:
+    found = read_json(path)
+    named = {"ms": found["wall_ms"], "CPU ms": found["cpu_ms"]}
+    return [
+        Number(name, "ms", time, format_ms(time))
+        for name, time in named.items()
+        if time is not None
+    ]
+
+
 def _read_bench(path: Path) -> list[Number]:
     result = read_bench(path)
     configured = result["paths"][CONFIGURED]
@@ -141,6 +151,12 @@ KINDS: Mapping[str, Kind] = {
         _read_run,
         "AR: BOP's average recall; ms: median for one object in one frame; CPU ms: mean CPU time of"
         " all threads for it; load: of the machine in the minute before.",
+    ),
+    "times": Kind(
+        TIMES,
+        _read_times,
+        "The true poses are private: nothing is scored. ms: mean for one object in one frame; CPU"
+        " ms: of all threads.",
     ),
     "bench": Kind(
         "bench.json",

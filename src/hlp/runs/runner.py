@@ -11,7 +11,7 @@ from hlp.evaluation.average_precision import average_precision
 from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import count_false_alarms, scores_in_vain, summarise
 from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
-from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
+from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, TIMES, write_json
 from hlp.method.find.trace import Trace
 from hlp.progress import Progress
 from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
@@ -49,8 +49,8 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     and, drawn from these, report.html; experiments of the paper's tables also the table. Everything
     is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises DataError
     if no frame can be used; with `on_bad_frame` "report", single ones count as missed. Where true
-    poses are private, as BOP keeps some, only poses.csv and manifest.json are written; the summary
-    is empty.
+    poses are private, as BOP keeps some, only poses.csv, timing.json and manifest.json are written;
+    the summary is empty.
     """
     settings = run.settings
     with begun(run, output) as (store, tracker):
@@ -63,20 +63,25 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         run.require_some(detection.failed)
         timing = measure_times(run, detection, estimates)
         write_poses(output / POSES, estimates)
-        known = any(noted.truth.targets for noted in notes)
-        summary = _score(run, detection, estimates, notes, timing, output) if known else {}
-        tracker.log_metrics(summary_metrics(summary) if known else {})
+        summary, verdict, said = {}, _NO_TRUTH, f"\n{_NO_TRUTH} They are in {output / POSES}"
+        if any(noted.truth.targets for noted in notes):
+            summary = _score(run, detection, estimates, notes, timing, output)
+            verdict, said = run_verdict(summary), format_summary(summary)
+            tracker.log_metrics(summary_metrics(summary))
+        else:
+            write_json(output / TIMES, timing.summary())
         digest = {"poses": poses_digest(output / POSES)}
         write_json(output / MANIFEST, make_manifest(run, store) | digest)
         if settings.name in TABLES:
             write_reports(output)
-        if known:
+        if summary:
             page_or_log(write_run_page, output)
             log_pictures(output, tracker)
-        tracker.describe("\n\n".join([run_verdict(summary) if known else _NO_TRUTH, *trained]))
+        tracker.describe("\n\n".join([verdict, *trained]))
         tracker.log_artifacts(output)
-    print(format_summary(summary) if known else f"\n{_NO_TRUTH} They are in {output / POSES}")
-    say_failed(detection.failed, len(run.keys))
+    print(said)
+    if summary:
+        say_failed(detection.failed, len(run.keys))
     _say_where(run, output, tracker)
     return summary
 
@@ -118,7 +123,8 @@ def _score(
     saved = read_poses(output / POSES)
     truths = [noted.truth for noted in notes]
     shown, meshes = Progress(truths, desc="scoring", unit="frame"), dataset.evaluation_meshes
-    scores = score_targets(shown, dataset.models, saved, settings.evaluation, meshes)
+    of = dataset.models, saved, settings.evaluation, meshes, dataset.vsd_delta
+    scores = score_targets(shown, *of)
     scores = explain_misses(detection, notes, scores, settings.evaluation)
     scores = with_failed_frames(run, detection.failed, scores)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
@@ -147,7 +153,9 @@ def _score(
 
 def _say_where(run: Run, output: Path, tracker: MlflowRun) -> None:
     say = _logger.info
-    names = [name for name in (SUMMARY, SCORES, POSES, MANIFEST) if (output / name).is_file()]
+    names = [
+        name for name in (SUMMARY, SCORES, POSES, TIMES, MANIFEST) if (output / name).is_file()
+    ]
     say("\nResults   %s (%s)", output, ", ".join(names))
     if (output / PAGE).is_file():
         say("Report    %s (open it in a browser)", output / PAGE)
