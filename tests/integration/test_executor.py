@@ -1,7 +1,13 @@
 """Frames in workers: the same files as one process writes, whatever the engine."""
 
 import dataclasses
+import json
+import os
 import shutil
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -40,12 +46,16 @@ def find_in_workers(detection, tiny_run, monkeypatch):
     assert made(detection) == [*STAGES]
     for output in map(detection.make, STAGES):
         (first,) = (tiny_run.folder / "work").glob(f"*/{output.fingerprint}")
-        assert output.folder != first
-        for key in detection.keys:
-            found, expected = read_arrays(output.folder, key), read_arrays(first, key)
-            assert found.keys() == expected.keys()
-            for name in found:
-                np.testing.assert_array_equal(found[name], expected[name])
+        same_bits(output, first, detection.keys)
+
+
+def same_bits(output, first, keys):
+    assert output.folder != first and output.folder.name == first.name
+    for key in keys:
+        found, expected = read_arrays(output.folder, key), read_arrays(first, key)
+        assert found.keys() == expected.keys()
+        for name in found:
+            np.testing.assert_array_equal(found[name], expected[name])
 
 
 def made(detection):
@@ -65,18 +75,57 @@ def test_workers_of_this_machine_find_the_same_bits(
     find_in_workers(detection, tiny_run, monkeypatch)
 
 
-def test_a_dask_cluster_of_two_processes_finds_the_same_bits(tiny_run, work, monkeypatch):
+@contextmanager
+def dask_cluster(folder):
+    """A scheduler and two workers, each a process of its own; the address, and the workers."""
+    known = folder / "scheduler.json"
+    source = str(Path(hlp.__file__).parents[1])
+
+    def start(what, *options):
+        command = (sys.executable, "-m", f"distributed.cli.dask_{what}", *options)
+        with (folder / f"{what}.log").open("ab") as log:
+            return subprocess.Popen(
+                [*command, "--no-dashboard", "--scheduler-file", known],
+                env={**os.environ, "PYTHONPATH": source},
+                stderr=log,
+            )
+
+    scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0")
+    workers = [start("worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
+    try:
+        while not known.exists():
+            assert scheduler.poll() is None
+            time.sleep(0.1)
+        yield json.loads(known.read_text())["address"], workers
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+def test_a_dask_worker_that_is_killed_loses_and_doubles_nothing(tiny_run, work, tmp_path, caplog):
     distributed = pytest.importorskip("distributed", reason="dask is not installed")
-    monkeypatch.setenv("PYTHONPATH", str(Path(hlp.__file__).parents[1]))
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
-        address = cluster.scheduler_address
-        chosen = ("executor=dask", f"executor.address={address}")
-        find_in_workers(detection_of(tiny_run, work, *chosen), tiny_run, monkeypatch)
+    shutil.copytree(work, tmp_path / "serial")
+    alone = detection_of(tiny_run, tmp_path / "serial", "frames=12")
+    alone.make("poses")
+    seen = []
+    with dask_cluster(tmp_path) as (address, workers):
         with distributed.Client(address) as client:
-            at_work = client.run(eval, "'hlp.stages.frame_task' in __import__('sys').modules")
-    assert list(at_work.values()) == [True, True]  # each of the two has had a frame
+            client.wait_for_workers(2)
+        chosen = ("frames=12", "executor=dask", f"executor.address={address}")
+        together = detection_of(tiny_run, work, *chosen)
+        together.find = None  # the run's own process finds nothing
+
+        def visit(key, _):
+            seen.append(key)
+            if len(seen) == 3:
+                workers[0].kill()
+
+        together.make("poses", visit)
+    assert len(seen) == 12 and {*seen} == {*alone.keys}
+    assert caplog.text.count("has gone: others do what it has left") == 1
+    for stage in STAGES:
+        same_bits(together.make(stage), alone.make(stage).folder, alone.keys)
 
 
 def test_a_worker_of_other_data_finds_nothing(tiny_run, work, tmp_path):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from fake_detection import KEYS, FakeEstimator, fake_dataset, method_settings
+from hlp.errors import MissingFileError
 from hlp.stages import detection, frame_task
 from hlp.stages.frame_task import Worker, what_makes
 from hlp.stages.store import Output
@@ -45,3 +46,12 @@ def test_a_run_that_learnt_otherwise_with_equal_settings_has_its_own_networks(tm
     task_of(tmp_path, "other")(KEYS[0])
     assert frame_task._KEPT.detection is not kept
     assert frame_task._KEPT.detection.training.made["classifier", 0].fingerprint == "other"
+
+
+def test_a_worker_that_does_not_see_the_work_folder_says_so(tmp_path):
+    """As on a machine without the shared disk; otherwise it would write where nobody looks."""
+    with pytest.raises(
+        MissingFileError, match=r"elsewhere \(work\) is not there for the worker on"
+    ):
+        task_of(tmp_path / "elsewhere", "one")(KEYS[0])
+    assert not list(tmp_path.iterdir())

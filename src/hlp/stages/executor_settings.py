@@ -1,5 +1,6 @@
 """Executors: they distribute frames, and views of objects, to workers."""
 
+import logging
 import os
 import signal
 import threading
@@ -10,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.util import find_spec
-from typing import Annotated, ClassVar, Literal, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar
 
 from annotated_types import Ge, Le
 
@@ -27,6 +28,9 @@ _KILLED = (
     "worker processes were killed twice, as where memory is full: call again, which continues, "
     "with fewer executor.workers"
 )
+_DIED = "several workers of the cluster died of the same frame or object: their logs may say why"
+_LOST = "no dask scheduler answers at {}: call again, which continues, when it does"
+_logger = logging.getLogger(__name__)
 
 
 class ExecutorSettings(Protocol):
@@ -121,24 +125,63 @@ class ClusterSettings(Settings):
 
     def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
         """See `ExecutorSettings.each`."""
-        with self._connected():
-            # Clusters know how many workers they have.
-            yield from _by_joblib(self.name, -1, work, keys)
-
-    @contextmanager
-    def _connected(self) -> Iterator[None]:
         if self.name == "dask":
-            from distributed import Client
+            yield from _by_dask(self.address, work, keys)
+            return
+        import ray
+        from ray.util.joblib import register_ray
 
-            with Client(self.address):
-                yield
-        else:
-            import ray
-            from ray.util.joblib import register_ray
+        with ray.init(self.address):
+            register_ray()
+            yield from _by_joblib(self.name, -1, work, keys)  # it knows how many workers it has
 
-            with ray.init(self.address):
-                register_ray()
-                yield
+
+def _by_dask(address: str, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
+    """`ExecutorSettings.each` by the workers that a dask cluster has at the time.
+
+    What a worker that goes has left is done by another, also by one that comes later. Raises
+    WorkerError if the scheduler is not there, or if workers die of one key again and again.
+    """
+    from distributed import CancelledError, Client, KilledWorker, as_completed
+
+    try:
+        with _answering(address):
+            client = Client(address)
+        # Not joblib's backend: it waits for ever for what workers have died of.
+        with client:
+            there, done = None, as_completed(client.map(work, keys, pure=False))
+            while not done.is_empty():
+                there = _watched(there, client, address)
+                for future in done.next_batch(block=False):
+                    yield future.result()
+                time.sleep(_EVERY)
+    except CancelledError as error:
+        raise WorkerError(_LOST.format(address)) from error
+    except KilledWorker as error:
+        raise WorkerError(_DIED) from error
+    except RuntimeError as error:
+        if isinstance(error.__cause__, ImportError):  # it reads what it hands on
+            raise WorkerError(f"the dask scheduler lacks a package: {error.__cause__}") from error
+        raise
+
+
+@contextmanager
+def _answering(address: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise WorkerError(_LOST.format(address)) from error
+
+
+def _watched(before: set[str] | None, client: Any, address: str) -> set[str]:
+    """The workers that are there; says which of those before have gone, and that there is none."""
+    with _answering(address):
+        there = {*client.nthreads()}
+    for gone in sorted((before or set()) - there):
+        _logger.warning("worker %s has gone: others do what it has left", gone)
+    if not there and there != before:
+        _logger.warning("no worker is there: waiting for one (dask worker %s)", address)
+    return there
 
 
 def _by_joblib(
@@ -174,8 +217,6 @@ def _do(parent: int | None, work: Callable[[str], Result], key: str) -> tuple[st
     """The key, and what the work for it returns.
 
     A process other than its parent, if that is given, ends with it.
-
-    Joblib's dask backend hangs with functions that cannot be hashed, so it is given this one.
     """
     if parent is not None and os.getpid() != parent:  # one worker is the run's own process
         ends_with(parent)

@@ -4,10 +4,11 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from socket import gethostname
 from typing import Any
 
 from hlp.data.dataset import Dataset, DataSettings
-from hlp.errors import DataError
+from hlp.errors import DataError, MissingFileError
 from hlp.kernels import set_compute_threads
 from hlp.method.find.trace import Stage
 from hlp.method.settings import MethodSettings
@@ -58,16 +59,22 @@ class Worker:
         """The stages in the worker, as long as it works for one run.
 
         They are others for the same settings with other learnt outputs: other training images make
-        other networks. Raises DataError if the worker's code or data are not those of the run.
+        other networks. Raises DataError if the worker's code or data are not those of the run,
+        and MissingFileError if it does not see the run's folder.
         """
         kept: DetectionStages | None = getattr(_KEPT, "detection", None)
         if kept is None or _KEPT.worker != self:
             set_compute_threads(self.settings.machine.threads)
+            host = gethostname()
+            if not self.work.is_dir():
+                raise MissingFileError(f"{self.work} (work) is not there for the worker on {host}")
             dataset = self.data.build()
             here = what_makes(dataset)
             other = [name for name, value in self.made_from.items() if here[name] != value]
             if other:
-                raise DataError(f"a worker does not have the same {', '.join(other)} as the run")
+                raise DataError(
+                    f"the worker on {host} does not have the same {', '.join(other)} as the run"
+                )
             store = StageStore(self.work)
             training = TrainingStages(dataset, self.settings, store)
             training.made.update(self.learnt)
