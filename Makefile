@@ -35,7 +35,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-commands test-faults test-oldest test-newest fuzz check audit docs dist ui screenshots clean
+.PHONY: help env demo example test test-slow test-commands test-faults test-oldest test-newest fuzz check audit docs dist ui screenshots clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -65,6 +65,9 @@ $(STAMP): pyproject.toml constraints.txt
 demo: $(STAMP) ## poses of synthetic objects: train, recover, score, log to MLflow
 	@echo "This takes 5 to 10 minutes on two cores the first time; after a stop, the same command continues"
 	@$(BIN)/hlp run work=$(WORK)
+
+example: $(STAMP) ## make anew what `hlp predict learnt=example` shows: two minutes of computing
+	@$(BIN)/python benchmarks/example.py
 
 test: $(STAMP) ## the tests
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q $(AT_ONCE)

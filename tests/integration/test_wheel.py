@@ -65,6 +65,12 @@ def test_help_and_configuration(wheel):
     assert "\nrefinement:\n" in shown.stdout
 
 
+def test_the_example_is_found(wheel):
+    done = wheel.hlp("predict", "learnt=example", "output=outputs/example")
+    assert done.returncode == 0, done.stderr
+    assert (wheel.place / "outputs/example/panels/000000.png").is_file()
+
+
 def test_a_users_own_experiment_runs_without_a_home(wheel):
     code, said = read_json(wheel.folder / "said.json")["run"]
     assert code == 0, said
