@@ -2,8 +2,8 @@
 
     make example
 
-The frame is a rendered scene in BOP's layout, with the object's true pose. As few views, patches and
-channels are learnt as find the object there, so that the whole is no larger than a picture or two.
+The frame is a rendered scene in BOP's layout, with the object's true pose. As few views, patches
+and channels are learnt as find the object there, so that all is no larger than a picture or two.
 Make it again when `learnt.json` has another format; tests/integration/test_example.py says so.
 """
 
