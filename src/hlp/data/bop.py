@@ -44,7 +44,7 @@ from hlp.data.file_frames import (
 )
 from hlp.data.images import read_rgb, require_same_size
 from hlp.errors import DataError, MissingFileError
-from hlp.objects.object_model import ObjectSettings
+from hlp.objects.object_model import ONLY, ObjectSettings, chosen_objects
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
 from hlp.settings import Doc
 
@@ -60,6 +60,7 @@ class BopSettings(FolderSettings):
         dict[str, ObjectSettings],
         Doc("objects by name; empty: those that are targets, named by models/names.json or id"),
     ] = field(default_factory=dict)
+    only: Annotated[tuple[str, ...] | None, ONLY] = None
     split: Annotated[
         str,
         Doc(
@@ -104,7 +105,11 @@ class BopSettings(FolderSettings):
         """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
         root = existing_folder("data.root", self.root)
         images = self.training_images()
-        given = self._models(root, self.objects) if self.objects else None
+        objects = self.objects
+        if self.only is not None:
+            objects = objects or name_objects(root, list_objects(root))
+        objects = chosen_objects(objects, self.only)
+        given = self._models(root, objects) if objects else None
         split = find_split(root, self.split)
         every = self.search == "all"
         years = (24, 19) if every else (19, 24)

@@ -5,7 +5,7 @@ The proxy is the decimated mesh that poses are drawn with: as few triangles as s
 
 import hashlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -41,6 +41,9 @@ class ObjectSettings(Settings):
     local_size_mm: Annotated[
         float | None, Gt(0), Doc("side of its local patches; null: computed from its mesh")
     ] = None
+
+
+ONLY = Doc("names of the objects that are learnt and looked for; null: all")
 
 
 def build_object_model(
@@ -147,6 +150,17 @@ def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
         if settings.id in names:
             raise ConfigError(f"data.objects: {names[settings.id]} and {name} have one id")
         names[settings.id] = name
+
+
+def chosen_objects(
+    objects: Mapping[str, ObjectSettings], only: Sequence[str] | None
+) -> Mapping[str, ObjectSettings]:
+    """Those that `only` names; None: all. Raises ConfigError for none, or a name of none."""
+    if only is None:
+        return objects
+    if not only or not objects.keys() >= {*only}:
+        raise ConfigError(f"data.only={[*only]}: name some of {', '.join(objects)}")
+    return {name: objects[name] for name in objects if name in only}
 
 
 def model_identity(model: ObjectModel) -> str:
