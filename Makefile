@@ -146,10 +146,11 @@ ui: $(STAMP) ## browse the runs in MLflow
 	@$(BIN)/hlp ui work=$(WORK) port=$(PORT)
 
 SHOWN := build/screenshots
-screenshots: $(STAMP) ## the pictures of MLflow and of the report in docs/assets (needs Chromium and its driver)
+screenshots: docs ## what is seen first, in build/screenshots/pictures; docs/assets anew (needs Chromium and its driver)
 	@$(BIN)/hlp run work=$(SHOWN)/work output=$(SHOWN)/run
 	@$(BIN)/hlp -m refinement.particles=10,25,50 score.scenes=0 frames=8 panels=1 work=$(SHOWN)/work output=$(SHOWN)/sweep
-	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=docs/assets
+	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=$(SHOWN)/pictures
+	@for each in docs/assets/*.jpg; do cp $(SHOWN)/pictures/$${each##*/} docs/assets 2>/dev/null || true; done
 
 clean: ## remove caches and build outputs; runs and .venv stay
 	@rm -rf build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache

@@ -115,7 +115,7 @@ def test_the_method_is_shown_stage_by_stage(notebooks):
     before = set((notebooks.parent / "work").glob("*/*"))
     done = execute(notebooks / "01_method.ipynb", parameters)
     shown = pictures(done)
-    assert len(shown) == 7  # frame, views, region, patches, distances, votes, panels
+    assert len(shown) == 8  # frame, views, region, patches, distances, votes, swarm, panels
     assert all(picture.std() > 10 for picture in shown)
     text = printed(done)
     assert re.search(r"hypothesis \d+: coarse cost ", text)
