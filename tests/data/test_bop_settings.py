@@ -47,9 +47,8 @@ def test_names_come_from_the_set(root):
 def test_some_objects_are_named(root):
     dataset = BopSettings(root=str(root), only=("obj_000006",)).build()
     assert tuple(dataset.models) == dataset.target_ids == (6,)
-    for wrong in ((), ("cat",)):
-        with pytest.raises(HlpError, match=r"data\.only=.*: name some of obj_000001, "):
-            BopSettings(root=str(root), only=wrong).build()
+    with pytest.raises(HlpError, match="must be some of"):
+        BopSettings(root=str(root), only=()).build()
 
 
 @pytest.mark.parametrize("name", ["../../x", "/x", "a/b", "a\\b", ".x", ""])

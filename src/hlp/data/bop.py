@@ -105,11 +105,10 @@ class BopSettings(FolderSettings):
         """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
         root = existing_folder("data.root", self.root)
         images = self.training_images()
-        objects = self.objects
-        if self.only is not None:
-            objects = objects or name_objects(root, list_objects(root))
-        objects = chosen_objects(objects, self.only)
-        given = self._models(root, objects) if objects else None
+        named = self.objects
+        if self.only is not None and not named:
+            named = name_objects(root, list_objects(root))
+        given = self._models(root, chosen_objects(named, self.only)) if named else None
         split = find_split(root, self.split)
         every = self.search == "all"
         years = (24, 19) if every else (19, 24)

@@ -24,13 +24,7 @@ from hlp.data.file_frames import (
 )
 from hlp.errors import MissingFileError
 from hlp.geometry import rigid
-from hlp.objects.object_model import (
-    ONLY,
-    ObjectSettings,
-    build_object_model,
-    check_unique,
-    chosen_objects,
-)
+from hlp.objects.object_model import ONLY, ObjectSettings, build_object_model, chosen_objects
 from hlp.records import Target, frame_key
 from hlp.schemas import camera_matrix, exact_rotation
 from hlp.settings import Doc
@@ -69,7 +63,6 @@ class LinemodSettings(FolderSettings):
         root = existing_folder("data.root", self.root)
         images = self.training_images()
         objects = chosen_objects(self.objects, self.only)
-        check_unique(objects)
         models = {
             settings.id: build_object_model(
                 name, settings, root / name / "mesh.ply", self.mesh_scale, self.proxy_faces

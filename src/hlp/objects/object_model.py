@@ -141,26 +141,18 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
     return proxy
 
 
-def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
-    """Raise ValueError if two objects share an id, or if there is no object."""
-    if not objects:
-        raise ConfigError("data.objects names no object")
-    names: dict[int, str] = {}
-    for name, settings in objects.items():
-        if settings.id in names:
-            raise ConfigError(f"data.objects: {names[settings.id]} and {name} have one id")
-        names[settings.id] = name
-
-
 def chosen_objects(
     objects: Mapping[str, ObjectSettings], only: Sequence[str] | None
-) -> Mapping[str, ObjectSettings]:
-    """Those that `only` names; None: all. Raises ConfigError for none, or a name of none."""
-    if only is None:
-        return objects
-    if not only or not objects.keys() >= {*only}:
-        raise ConfigError(f"data.only={[*only]}: name some of {', '.join(objects)}")
-    return {name: objects[name] for name in objects if name in only}
+) -> dict[str, ObjectSettings]:
+    """Those that `only` names; None: all. Raises ConfigError for none, and if two share an id."""
+    if not (objects if only is None else only and objects.keys() >= {*only}):
+        named = "" if only is None else f"; data.only={[*only]} must be some of {[*objects]}"
+        raise ConfigError(f"data.objects names no object{named}")
+    names: dict[int, str] = {}
+    for name, settings in objects.items():
+        if (other := names.setdefault(settings.id, name)) != name:
+            raise ConfigError(f"data.objects: {other} and {name} have one id")
+    return {name: objects[name] for name in objects if only is None or name in only}
 
 
 def model_identity(model: ObjectModel) -> str:
