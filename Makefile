@@ -39,7 +39,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-commands test-faults test-oldest test-newest fuzz check requirements platforms audit docs dist ui screenshots clean
+.PHONY: help env demo example test test-slow test-commands test-faults test-oldest test-newest fuzz check requirements platforms audit docs dist ui screenshots clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -69,6 +69,9 @@ $(STAMP): pyproject.toml constraints.txt
 demo: $(STAMP) ## poses of synthetic objects: train, recover, score, log to MLflow
 	@echo "This takes 5 to 10 minutes on two cores the first time; after a stop, the same command continues"
 	@$(BIN)/hlp run work=$(WORK)
+
+example: $(STAMP) ## make anew what `hlp predict learnt=example` shows: two minutes of computing
+	@$(BIN)/python benchmarks/example.py
 
 test: $(STAMP) ## the tests
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q $(AT_ONCE)
@@ -162,10 +165,11 @@ ui: $(STAMP) ## browse the runs in MLflow
 	@$(BIN)/hlp ui work=$(WORK) port=$(PORT)
 
 SHOWN := build/screenshots
-screenshots: $(STAMP) ## the pictures of MLflow and of the report in docs/assets (needs Chromium and its driver)
+screenshots: docs ## what is seen first, in build/screenshots/pictures; docs/assets anew (needs Chromium and its driver)
 	@$(BIN)/hlp run work=$(SHOWN)/work output=$(SHOWN)/run
 	@$(BIN)/hlp -m refinement.particles=10,25,50 score.scenes=0 frames=8 panels=1 work=$(SHOWN)/work output=$(SHOWN)/sweep
-	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=docs/assets
+	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=$(SHOWN)/pictures
+	@for each in docs/assets/*.jpg; do cp $(SHOWN)/pictures/$${each##*/} docs/assets 2>/dev/null || true; done
 
 clean: ## remove caches and build outputs; runs and .venv stay
 	@rm -rf build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache

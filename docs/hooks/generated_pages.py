@@ -14,6 +14,7 @@ from mkdocs.structure.files import File, Files
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from notebook_pages import notebook_pages
 from settings_reference import Table, as_markdown, settings_classes, tables_of
 
 from hlp.cli import COMMANDS
@@ -52,14 +53,15 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
-def generated_pages() -> Iterator[tuple[str, str]]:
-    """Paths in the site and Markdown of all generated pages."""
+def generated_pages() -> Iterator[tuple[str, str | bytes]]:
+    """Paths in the site and content of all generated pages, and of their pictures."""
     hints = _groups()
     yield "configuration/index.md", _overview(hints)
     for group, hint in hints.items():
         yield f"configuration/{group}.md", _group_page(group, hint)
     yield "command-line.md", _command_line()
     yield "changes.md", (ROOT / "CHANGELOG.md").read_text()
+    yield from notebook_pages(ROOT / "notebooks")
 
 
 def _groups() -> dict[str, Any]:

@@ -90,6 +90,7 @@ usage: hlp COMMAND [overrides]
 
 {commands}
 
+hlp predict learnt=example                an object that is learnt already
 hlp run                                   the demo, then open its report.html
 hlp -m refinement=pso,icp                 a sweep of two refiners
 

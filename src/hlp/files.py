@@ -266,3 +266,7 @@ def shipped_folder(name: str) -> Path:
 def config_folder() -> Path:
     """Folder of the configuration."""
     return shipped_folder("conf")
+
+
+EXAMPLE = "example"
+"""A learnt object and a frame of it that come with HLP: their folder, and what `learnt` names."""

@@ -57,6 +57,20 @@ def errors(browser: "Chrome") -> list[str]:
     return [entry for entry in severe if not any(known in entry for known in KNOWN)]
 
 
+def seen_by(browser: "Chrome", width: int, height: int, dark: bool = False) -> None:
+    """Show pages from now on as on a screen of that size (px), perhaps in the dark."""
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
+
+
+def is_too_wide(browser: "Chrome") -> bool:
+    """Whether one would have to move the page sideways to read it."""
+    root = "document.documentElement"
+    return bool(browser.execute_script(f"return {root}.scrollWidth > {root}.clientWidth"))
+
+
 def take_picture(browser: "Chrome", folder: Path | None, name: str) -> None:
     """Write a JPEG for the documentation, if a folder is given."""
     if folder is None:

@@ -31,6 +31,8 @@ def test_an_objects_size_can_be_swept_and_an_object_left_out():
     settings = _typed(BopSettings, _compose("data", "linemod_bop", *overrides))
     assert settings.objects["cat"].local_size_mm == 60.0
     assert "ape" not in settings.objects
+    overrides = ["data.root=lm", "data.only=[can,ape]"]
+    assert _typed(BopSettings, _compose("data", "linemod_bop", *overrides)).only == ("can", "ape")
 
 
 def _choices(*overrides):

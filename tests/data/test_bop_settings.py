@@ -44,6 +44,13 @@ def test_names_come_from_the_set(root):
         _names(root)
 
 
+def test_some_objects_are_named(root):
+    dataset = BopSettings(root=str(root), only=("obj_000006",)).build()
+    assert tuple(dataset.models) == dataset.target_ids == (6,)
+    with pytest.raises(HlpError, match="must be some of"):
+        BopSettings(root=str(root), only=()).build()
+
+
 @pytest.mark.parametrize("name", ["../../x", "/x", "a/b", "a\\b", ".x", ""])
 def test_a_name_from_a_stranger_is_no_path(root, name):
     """Pictures and learnt objects get it as the name of a file."""

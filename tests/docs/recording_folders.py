@@ -3,13 +3,7 @@
 import shutil
 from pathlib import Path
 
-import yaml
-from markdown_pages import ROOT
-
 from bop_folder import write_models, write_scene, write_targets
-
-ALL_OBJECTS = tuple(yaml.safe_load((ROOT / "conf/data/objects/linemod.yaml").read_text()))
-"""LINEMOD's, by name."""
 
 _LEARNT = ("ape", "cat")
 
@@ -30,7 +24,5 @@ def write_recordings(folder: Path, photographs: Path, room: Path) -> None:
         write_targets(folder / name / "test_targets_bop19.json", targets)
 
 
-def left_out(words: list[str]) -> list[str]:
-    """What takes all but ape and cat from a command that learns LINEMOD's objects."""
-    given = {word.removeprefix("~data.objects.") for word in words}
-    return [f"~data.objects.{name}" for name in ALL_OBJECTS if name not in {*_LEARNT, *given}]
+ONLY = f"data.only=[{','.join(_LEARNT)}]"
+"""Of LINEMOD's objects those that are there."""

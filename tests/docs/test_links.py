@@ -7,7 +7,7 @@ import pytest
 from markdown_pages import PAGES, ROOT, links
 
 # Written when the site is built; test_site.py checks them there.
-GENERATED = ("docs/configuration/", "docs/command-line.md")
+GENERATED = ("docs/configuration/", "docs/command-line.md", "docs/notebooks/")
 NAMED = [*PAGES, ROOT / "CONTRIBUTING.md"]
 TESTS = re.compile(r"\btests/[\w/]+(?:\.py)?")
 MODULES = re.compile(r"(?:`|::: )(hlp\.[\w.]+)")

@@ -8,6 +8,7 @@ import pytest
 from markdown_pages import ROOT
 
 OWN_WORK = "work=build/screenshots/work "
+DOCS = ("pip install ", "touch ", "mkdocs build ", "Pages: ")
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
@@ -18,7 +19,7 @@ OWN_WORK = "work=build/screenshots/work "
         (["ui", "WORK=there", "PORT=5001"], ["hlp ui work=there port=5001"]),
         (["test-slow", "SLOW=slow and not thorough"], [' -m "slow and not thorough"']),
         (["test-slow", "BROWSER=required"], ["HLP_BROWSER=required .venv/bin/python -m pytest "]),
-        (["screenshots"], [OWN_WORK, OWN_WORK, "tests/browser --shown=build/screenshots "]),
+        (["screenshots"], [*DOCS, OWN_WORK, OWN_WORK, "tests/browser --shown=build/", "cp "]),
     ],
 )
 def test_targets_run_what_readme_says(words: list[str], run: list[str]) -> None:

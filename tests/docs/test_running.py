@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import trimesh
 from markdown_pages import EXAMPLES, commands, write_files
-from recording_folders import ALL_OBJECTS, left_out, write_recordings
+from recording_folders import ONLY, write_recordings
 from sequence_folders import write_linemod, write_mesh, write_ycbineoat
 
 from bop_folder import write_models, write_scene
@@ -103,9 +103,7 @@ ALSO = {
     ],
     "search task.limit_ms=300": ["task.trials=2"],
     "-m experiment=anytime": ["refinement.budget_ms=null,5"],
-    "run data=linemod data.root=/path/to/linemod": [
-        f"~data.objects.{name}" for name in ALL_OBJECTS if name != "ape"
-    ],
+    "run data=linemod data.root=/path/to/linemod": ["data.only=[ape]"],
 }
 """What is appended to a command, or to all of one name, beside the tiny settings."""
 
@@ -165,7 +163,7 @@ def as_run(words: list[str], folder: Path) -> list[str]:
         return [*given, *also]
     own_data = any(word.startswith(OWN_DATA) for word in words)
     if "data.root=recordings/lm" in given:
-        given += left_out(words)
+        given = [*(word for word in given if not word.startswith("data.only=")), ONLY]
     size = [] if own_data else [key for key in TINY if key.startswith("data.")]
     chosen = {word.partition("=")[0] for word in words}
     if "encoder.epochs" in chosen:

@@ -65,6 +65,12 @@ def test_help_and_configuration(wheel):
     assert "\nrefinement:\n" in shown.stdout
 
 
+def test_the_example_is_found(wheel):
+    done = wheel.hlp("predict", "learnt=example", "output=outputs/example")
+    assert done.returncode == 0, done.stderr
+    assert (wheel.place / "outputs/example/panels/000000.png").is_file()
+
+
 def test_a_users_own_experiment_runs_without_a_home(wheel):
     code, said = read_json(wheel.folder / "said.json")["run"]
     assert code == 0, said
@@ -109,7 +115,7 @@ def test_the_method_is_shown_stage_by_stage(notebooks):
     before = set((notebooks.parent / "work").glob("*/*"))
     done = execute(notebooks / "01_method.ipynb", parameters)
     shown = pictures(done)
-    assert len(shown) == 7  # frame, views, region, patches, distances, votes, panels
+    assert len(shown) == 8  # frame, views, region, patches, distances, votes, swarm, panels
     assert all(picture.std() > 10 for picture in shown)
     text = printed(done)
     assert re.search(r"hypothesis \d+: coarse cost ", text)

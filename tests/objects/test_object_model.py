@@ -13,7 +13,7 @@ from hlp.objects.object_model import (
     ObjectSettings,
     build_object_model,
     build_proxy,
-    check_unique,
+    chosen_objects,
     holistic_size,
     local_size,
     model_identity,
@@ -77,9 +77,11 @@ def test_a_listed_diameter_and_symmetries_win(mesh_path):
 
 def test_two_objects_of_one_id_and_none_at_all_are_refused():
     with pytest.raises(ValueError, match="cam and can"):
-        check_unique({"cam": ObjectSettings(4, None, None), "can": ObjectSettings(4, 1.0, 1.0)})
+        chosen_objects({"cam": ObjectSettings(4), "can": ObjectSettings(4)}, None)
     with pytest.raises(ValueError, match="no object"):
-        check_unique({})
+        chosen_objects({}, None)
+    with pytest.raises(ValueError, match=r"data\.only=\['cup'\] must be some of \['cam'\]"):
+        chosen_objects({"cam": ObjectSettings(4)}, ["cup"])
 
 
 OBJECTS = Path(__file__).parents[2] / "conf" / "data" / "objects" / "linemod.yaml"

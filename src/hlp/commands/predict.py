@@ -45,8 +45,8 @@ def predict(arguments: Sequence[str]) -> None:
     detector = _load(folder, given)
     prediction.predict(detector, frames, output, options, masks)
     print(f"\nPoses     {output} (poses.csv in BOP's format, poses.jsonl, poses.json)")
-    if (output / "panels").is_dir():
-        print(f"Pictures  {output / 'panels'}")
+    if pictures := [*(output / "panels").glob("*.png")]:
+        print(f"Pictures  {pictures[0] if len(pictures) == 1 else output / 'panels'}")
 
 
 def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[str]) -> Path:

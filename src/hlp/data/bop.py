@@ -44,7 +44,7 @@ from hlp.data.file_frames import (
 )
 from hlp.data.images import read_rgb, require_same_size
 from hlp.errors import DataError, MissingFileError
-from hlp.objects.object_model import ObjectSettings
+from hlp.objects.object_model import ONLY, ObjectSettings, chosen_objects
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
 from hlp.settings import Doc
 
@@ -60,6 +60,7 @@ class BopSettings(FolderSettings):
         dict[str, ObjectSettings],
         Doc("objects by name; empty: those that are targets, named by models/names.json or id"),
     ] = field(default_factory=dict)
+    only: Annotated[tuple[str, ...] | None, ONLY] = None
     split: Annotated[
         str,
         Doc(
@@ -104,7 +105,8 @@ class BopSettings(FolderSettings):
         """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
         root = existing_folder("data.root", self.root)
         images = self.training_images()
-        given = self._models(root, self.objects) if self.objects else None
+        named = self._named(root)
+        given = self._models(root, named) if named else None
         frames, ids = self._searched(root, given)
         models = given or self._models(root, name_objects(root, ids))
         return Dataset(
@@ -124,11 +126,19 @@ class BopSettings(FolderSettings):
 
         No model or image is read. Raises as `build`.
         """
-        given = [own.id for own in self.objects.values()]
-        frames, ids = self._searched(existing_folder("data.root", self.root), given or None)
+        root = existing_folder("data.root", self.root)
+        given = [own.id for own in self._named(root).values()]
+        frames, ids = self._searched(root, given or None)
         kept = spread(list(frames.targets.values()), most)
         every = self.search == "all"
         return len(ids), len(kept), sum(len(ids) if every else len(own) for own in kept)
+
+    def _named(self, root: Path) -> Mapping[str, ObjectSettings]:
+        """The objects that the settings name; none if they are those that are targets."""
+        named = self.objects
+        if self.only is not None and not named:
+            named = name_objects(root, list_objects(root))
+        return chosen_objects(named, self.only) if named else {}
 
     def _searched(
         self, root: Path, given: Collection[int] | None

@@ -17,7 +17,7 @@ from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.files import read_json
 from hlp.geometry import rigid, transform
 from hlp.objects.meshes import mesh_diameter
-from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
+from hlp.objects.object_model import ObjectSettings, build_object_model
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, ObjectModel
 from hlp.rendering.surface import sample_surface
 from hlp.schemas import exact_rotation
@@ -43,7 +43,6 @@ def load_object_models(
     object and the paths tried, what `build_object_model` raises, and DataError for a diameter or a
     symmetry that is not the mesh's.
     """
-    check_unique(objects)
     models = {}
     for name, settings in objects.items():
         path = _mesh_path(root, name, settings.id)

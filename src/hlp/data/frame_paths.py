@@ -12,7 +12,7 @@ import numpy as np
 from hlp.arrays import Rgb
 from hlp.data.images import DEPTH_EXTENSIONS, EXTENSIONS
 from hlp.errors import DataError, InputError, MissingFileError
-from hlp.files import expanded
+from hlp.files import EXAMPLE, expanded, shipped_folder
 
 VIDEO_EXTENSIONS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 CAMERA_FILES = ("cam_K.txt", "camera.json", "intrinsics.json", "scene_camera.json")
@@ -40,9 +40,12 @@ class FramePaths:
 def with_frames(given: Mapping[str, str]) -> dict[str, str]:
     """Arguments in which `frames=FOLDER` is replaced by what is in the folder.
 
-    What is given besides, such as the intrinsics, is taken in place of the folder's. Raises
-    MissingFileError for what is not there, and InputError if `rgb` is given too.
+    What is given besides, such as the intrinsics, is taken in place of the folder's. The learnt
+    example without any frames is looked for in its own. Raises MissingFileError for what is not
+    there, and InputError if `rgb` is given too.
     """
+    if given.get("learnt") == EXAMPLE and not {"frames", *_NAMES} & given.keys():
+        given = {**given, "frames": str(shipped_folder(EXAMPLE) / "frames")}
     if "frames" not in given:
         return dict(given)
     if "rgb" in given:

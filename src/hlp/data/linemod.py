@@ -24,7 +24,7 @@ from hlp.data.file_frames import (
 )
 from hlp.errors import MissingFileError
 from hlp.geometry import rigid
-from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
+from hlp.objects.object_model import ONLY, ObjectSettings, build_object_model, chosen_objects
 from hlp.records import Target, frame_key
 from hlp.schemas import camera_matrix, exact_rotation
 from hlp.settings import Doc
@@ -46,6 +46,7 @@ class LinemodSettings(FolderSettings):
         dict[str, ObjectSettings],
         Doc("objects by the names of their folders (rename benchviseblue to benchvise)"),
     ]
+    only: Annotated[tuple[str, ...] | None, ONLY] = None
     camera_matrix: Annotated[
         tuple[float, ...], Unit("px"), Doc("intrinsics, which are not in the data set's files (P)")
     ] = (572.4114, 0.0, 325.2611, 0.0, 573.57043, 242.04899, 0.0, 0.0, 1.0)
@@ -61,14 +62,14 @@ class LinemodSettings(FolderSettings):
         """
         root = existing_folder("data.root", self.root)
         images = self.training_images()
-        check_unique(self.objects)
+        objects = chosen_objects(self.objects, self.only)
         models = {
             settings.id: build_object_model(
                 name, settings, root / name / "mesh.ply", self.mesh_scale, self.proxy_faces
             )
-            for name, settings in self.objects.items()
+            for name, settings in objects.items()
         }
-        ids = {name: settings.id for name, settings in self.objects.items()}
+        ids = {name: settings.id for name, settings in objects.items()}
         frames = LinemodFrames(root, ids, self.camera_matrix, self.max_megapixels)
         return Dataset(models, tuple(models), frames, **vars(images), settings=self)
 

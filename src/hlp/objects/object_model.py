@@ -5,7 +5,7 @@ The proxy is the decimated mesh that poses are drawn with: as few triangles as s
 
 import hashlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -41,6 +41,9 @@ class ObjectSettings(Settings):
     local_size_mm: Annotated[
         float | None, Gt(0), Doc("side of its local patches; null: computed from its mesh")
     ] = None
+
+
+ONLY = Doc("names of the objects that are learnt and looked for; null: all")
 
 
 def build_object_model(
@@ -138,15 +141,18 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
     return proxy
 
 
-def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
-    """Raise ValueError if two objects share an id, or if there is no object."""
-    if not objects:
-        raise ConfigError("data.objects names no object")
+def chosen_objects(
+    objects: Mapping[str, ObjectSettings], only: Sequence[str] | None
+) -> dict[str, ObjectSettings]:
+    """Those that `only` names; None: all. Raises ConfigError for none, and if two share an id."""
+    if not (objects if only is None else only and objects.keys() >= {*only}):
+        named = "" if only is None else f"; data.only={[*only]} must be some of {[*objects]}"
+        raise ConfigError(f"data.objects names no object{named}")
     names: dict[int, str] = {}
     for name, settings in objects.items():
-        if settings.id in names:
-            raise ConfigError(f"data.objects: {names[settings.id]} and {name} have one id")
-        names[settings.id] = name
+        if (other := names.setdefault(settings.id, name)) != name:
+            raise ConfigError(f"data.objects: {other} and {name} have one id")
+    return {name: objects[name] for name in objects if only is None or name in only}
 
 
 def model_identity(model: ObjectModel) -> str:

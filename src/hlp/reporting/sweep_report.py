@@ -29,7 +29,7 @@ from hlp.reporting.table import Table, format_interval, lay_out, prose
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_BEST = "* best by {}; of ties the default, if it is one of them."
+_BEST = "Starred is the best by {}; of ties the default, if it is one of them."
 _PAIRED = (
     "Differences are over the targets of both runs, with the 95 % interval of the paired bootstrap"
     " over blocks of neighbouring frames."

@@ -8,7 +8,7 @@ from pathlib import Path
 import platformdirs
 
 from hlp.errors import DataError, InputError, MissingFileError
-from hlp.files import expanded
+from hlp.files import EXAMPLE, expanded, shipped_folder
 from hlp.folders import own_files
 from hlp.method.learn.learnt_folder import RECORD, check_files, read_record
 from hlp.method.learn.unfinished_folder import restore_replaced
@@ -38,7 +38,7 @@ def cache_folder(work: str | None) -> Path:
 
 
 def find_learnt(given: str, cache: Path) -> Path:
-    """The folder that a path or a name in the cache stands for.
+    """The folder that a path or a name in the cache stands for, or `example`, which HLP ships.
 
     Raises MissingFileError if there is no such folder, naming those in the cache.
     """
@@ -50,6 +50,8 @@ def find_learnt(given: str, cache: Path) -> Path:
         restore_replaced(named)
         if (named / RECORD).is_file():
             return named
+    if given == EXAMPLE:
+        return shipped_folder(EXAMPLE) / "learnt"
     raise MissingFileError(
         f"learnt={given}: neither a folder of learnt objects nor a name; {cache} holds "
         f"{_names(cache)}. Learn objects with `hlp learn mesh=FILE`"
