@@ -89,8 +89,7 @@ def score_targets(
                 raise DataError(f"targets ask for object {object_id}, which has no model")
             if object_id not in scorers:
                 bop_mesh = (meshes or {}).get(object_id, models[object_id].mesh)
-                of = models[object_id], settings, bop_mesh, vsd_delta
-                scorers[object_id] = _ObjectScorer(*of)
+                scorers[object_id] = _ObjectScorer(models[object_id], settings, bop_mesh, vsd_delta)
             own = found.get((truth.scene_id, truth.frame_id, object_id), [])
             scores += scorers[object_id].score(truth, depth, own)
     return scores

@@ -46,11 +46,10 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     """Run every stage that is not on disk, write the results into `output`, return the summary.
 
     `output` receives summary.json, scores.csv, poses.csv, panels/, stages/, report/, manifest.json
-    and, drawn from these, report.html; experiments of the paper's tables also the table. Everything
-    is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises DataError
-    if no frame can be used; with `on_bad_frame` "report", single ones count as missed. Where true
-    poses are private, as BOP keeps some, only poses.csv, timing.json and manifest.json are written;
-    the summary is empty.
+    and report.html; experiments of the paper's tables also the table. Where true poses are private:
+    only poses.csv, timing.json and manifest.json; the summary is empty. Everything is logged as one
+    MLflow run, opened first, so a crash leaves it FAILED. Raises DataError if no frame can be used;
+    with `on_bad_frame` "report", single ones count as missed.
     """
     settings = run.settings
     with begun(run, output) as (store, tracker):
@@ -80,8 +79,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         tracker.describe("\n\n".join([verdict, *trained]))
         tracker.log_artifacts(output)
     print(said)
-    if summary:
-        say_failed(detection.failed, len(run.keys))
+    say_failed(detection.failed if summary else {}, len(run.keys))
     _say_where(run, output, tracker)
     return summary
 
