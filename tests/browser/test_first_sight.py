@@ -61,6 +61,7 @@ def test_the_documentation_starts(
     if not start.is_file():
         pytest.skip("no documentation is built here: make docs")
     seen_by(browser, *size, dark=size == PHONE)
-    browser.get(start.as_uri())
-    assert not is_too_wide(browser)
-    take_picture(browser, screenshots, f"docs_{size[0]}")
+    for name, page in (("docs", start), ("gallery", start.parent / "notebooks" / "index.html")):
+        browser.get(page.as_uri())
+        assert not is_too_wide(browser)
+        take_picture(browser, screenshots, f"{name}_{size[0]}")

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from markdown_pages import PAGES, ROOT
 
+from hlp.reporting.bop_table import PUBLISHED
+
 DOCS = ROOT / "docs"
 _MARK = re.compile(r"<!-- figures: (.+?) -->\n")
 _RESULT = re.compile(r"(?<![\w.])[+−-]?\.\d{2,3}(?!\d)")
@@ -99,3 +101,9 @@ def test_a_wrong_figure_would_be_found(tmp_path):
     assert not are_there("| cat | .970 | 12 |", files) and not are_there("| .90 | 12 |", files)
     assert list(shown_in("| cat | .971 | 1309 |\n| b | 8 objects |")) == [".971", "1309"]
     assert _RESULT.findall("p > 0.08, .97 and v1.234, 3.14") == [".97"]
+
+
+def test_published_figures_are_those_that_runs_are_compared_with():
+    _, *rows = csv.reader((DOCS / "results" / "published.csv").read_text().splitlines())
+    read = [(name, float(ar), float(s) if s else None, on) for name, ar, s, on in rows]
+    assert tuple(read) == PUBLISHED
