@@ -11,7 +11,7 @@ from typing import Any
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-_PICTURES = (".jpg", ".png", ".svg")
+_PICTURES = (".jpg", ".png", ".svg", ".webp")
 _TARGET = re.compile(r"(!?\[[^\]]*\]\()(?!https?://|#)([^)\s]+)(\))")
 
 

@@ -37,7 +37,7 @@ def test_links_and_pictures_lead_to_the_repository(
         if one.startswith(("http", "#")):
             assert other == one
             continue
-        picture = one.endswith((".jpg", ".svg"))
+        picture = one.endswith((".jpg", ".svg", ".webp"))
         assert other == f"{ADDRESS}/{'raw' if picture else 'blob'}/HEAD/{one}"
         assert (ROOT / one.partition("#")[0]).is_file()
 
