@@ -126,7 +126,9 @@ def _camera(content: Mapping[str, Any], where: str) -> Camera:
         raise InputError(f"{where}: {_NO_FORM}")
     values: Any = [content[key] for key in keys]
     if len(keys) == 1:
-        values = _data(values[0])
+        stated, values = values[0], _data(values[0])
+        if isinstance(stated, dict) and [stated.get(key, 3) for key in ("rows", "cols")] != [3, 3]:
+            raise InputError(f"{where}: {keys[0]} must have 3 rows and 3 cols")
     matrix = _matrix(values, where, by_columns=keys == ("intrinsic_matrix",))
     distortion, fisheye = _distortion(content, where)
     scale = content.get("depth_scale")

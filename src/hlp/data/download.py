@@ -58,8 +58,8 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
     unpacked = partial / "unpacked"
     partial.mkdir(parents=True, exist_ok=True)
     lock = folder.with_name(f".{folder.name}.lock")
-    try:
-        with locked(lock, f"another process is loading {folder}: wait for it"):
+    with locked(lock, f"another process is loading {folder}: wait for it"):
+        try:
             sources = [fetch(archive, partial / archive.name) for archive in archives]
             shutil.rmtree(unpacked, ignore_errors=True)
             unpacked.mkdir()
@@ -70,10 +70,10 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
             write_json(unpacked / SOURCES, about | {"archives": sources})
             unpacked.rename(folder)
             shutil.rmtree(partial)
-            lock.unlink(missing_ok=True)
-    finally:
-        with suppress(OSError):
-            partial.rmdir()  # nothing of it was loaded
+        finally:
+            for remove in (partial.rmdir, lock.unlink):  # if nothing of it was loaded
+                with suppress(OSError):
+                    remove()
     return folder
 
 

@@ -4,20 +4,16 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from hlp.errors import DataError
-from hlp.files import SUMMARY, read_json
-from hlp.reporting.study_tables import (
-    CONFIGURED,
-    TOTAL,
-    format_ms,
-    head_of,
-    read_bench,
-    read_mean_recalls,
-)
+from annotated_types import Len
+
+from hlp.files import SUMMARY
+from hlp.reporting.study_tables import format_ms, head_of, read_mean_recalls
 from hlp.reporting.summary_tables import METRIC_LABELS, run_cells, run_numbers
 from hlp.reporting.table import format_share
 from hlp.results.recalls import read_summary
+from hlp.settings import NotNegative, Share, Stored, read_as
 
 Interval = tuple[float, float]
 RUN = "sweep"
@@ -59,14 +55,7 @@ def read_numbers(folder: Path, kind: Kind) -> dict[str, Number]:
     Raises DataError for a broken file.
     """
     path = folder / kind.file
-    if not path.is_file():
-        return {}
-    try:
-        return {number.name: number for number in kind.read(path)}
-    except DataError:
-        raise
-    except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
-        raise DataError(f"{path} holds nothing that can be read ({error!r})") from error
+    return {number.name: number for number in kind.read(path)} if path.is_file() else {}
 
 
 def _recall(
@@ -90,30 +79,86 @@ def _read_run(path: Path) -> list[Number]:
     return numbers
 
 
+@dataclass(frozen=True)
+class _Median(Stored):
+    median_ms: NotNegative
+
+
+@dataclass(frozen=True)
+class _Unit(Stored):
+    total: _Median | None = None  # frames of a single object have no further one
+
+
+@dataclass(frozen=True)
+class _Path(Stored):
+    first: _Unit
+    further: _Unit
+    add_recall: Share
+
+
+@dataclass(frozen=True)
+class _Paths(Stored):
+    configured: _Path
+
+
+@dataclass(frozen=True)
+class _Memory(Stored):
+    peak_mib: NotNegative
+
+
+@dataclass(frozen=True)
+class _Machine(Stored):
+    load: NotNegative
+
+
+@dataclass(frozen=True)
+class _Bench(Stored):
+    paths: _Paths
+    memory: _Memory
+    machine: _Machine
+
+
 def _read_bench(path: Path) -> list[Number]:
-    result = read_bench(path)
-    configured = result["paths"][CONFIGURED]
-    numbers = []
+    result = read_as(path, _Bench)
+    configured, numbers = result.paths.configured, []
     for unit in ("first", "further"):
-        if configured[unit]:  # frames of a single object have no further one
-            time = configured[unit][TOTAL]["median_ms"]
-            numbers.append(Number(f"ms {unit}", "ms", time, format_ms(time)))
-    peak, load = result["memory"]["peak_mib"], result["machine"]["load"]
+        if (total := getattr(configured, unit).total) is not None:
+            numbers.append(Number(f"ms {unit}", "ms", total.median_ms, format_ms(total.median_ms)))
+    peak, load = result.memory.peak_mib, result.machine.load
     numbers.append(Number("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
-    numbers.append(_recall(ADD, "ADD(-S) recall", configured["add_recall"], main=True))
+    numbers.append(_recall(ADD, "ADD(-S) recall", configured.add_recall, main=True))
     return [*numbers, Number("load", "", load, f"{load:.1f}")]
 
 
+@dataclass(frozen=True)
+class _Interval(Stored):
+    recall: Share
+    ci95: Annotated[tuple[float, ...], Len(2, 2)]
+
+
+@dataclass(frozen=True)
+class _Cell(Stored):
+    region: Literal["estimated", "true"]
+    coarse: Literal["estimated", "true"]
+    add: _Interval
+
+
+@dataclass(frozen=True)
+class _Oracle(Stored):
+    cells: list[_Cell]
+    lost: dict[str, float]
+
+
 def _read_oracle(path: Path) -> list[Number]:
-    result = read_json(path)
+    result = read_as(path, _Oracle)
     numbers = []
-    for place, cell in enumerate(result["cells"]):
-        low, high = map(float, cell["add"]["ci95"])
-        name, recall = head_of(cell["region"], cell["coarse"]), cell["add"]["recall"]
-        numbers.append(_recall(name, "ADD(-S) recall", recall, (low, high), main=place == 0))
+    for place, cell in enumerate(result.cells):
+        low, high = cell.add.ci95
+        name, main = head_of(cell.region, cell.coarse), place == 0
+        numbers.append(_recall(name, "ADD(-S) recall", cell.add.recall, (low, high), main=main))
     return numbers + [
         Number(f"lost {stage}", "recall lost", lost, f"{lost:+.3f}")
-        for stage, lost in result["lost"].items()
+        for stage, lost in result.lost.items()
     ]
 
 
@@ -123,14 +168,25 @@ def _read_basin(path: Path) -> list[Number]:
     return [_recall(name, panel, recall, main=True) for name, recall in means]
 
 
+@dataclass(frozen=True)
+class _Trial(Stored):
+    recall: Share
+    time_ms: NotNegative
+
+
+@dataclass(frozen=True)
+class _Search(Stored):
+    trials: list[Any]
+    best: _Trial | None
+
+
 def _read_search(path: Path) -> list[Number]:
-    result = read_json(path)
-    tried, best = len(result["trials"]), result["best"]
+    result = read_as(path, _Search)
+    tried, best = len(result.trials), result.best
     numbers = [Number("trials", "trials", tried, str(tried))]
     if best is not None:
-        panel = "ADD(-S) recall of the best trial"
-        numbers.append(_recall("best ADD(-S)", panel, best["recall"], main=True))
-        time = best["time_ms"]
+        panel, time = "ADD(-S) recall of the best trial", best.time_ms
+        numbers.append(_recall("best ADD(-S)", panel, best.recall, main=True))
         numbers.append(Number("its ms", "ms of the best trial", time, format_ms(time)))
     return numbers
 

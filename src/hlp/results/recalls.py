@@ -6,15 +6,18 @@ The 95 % intervals, also of differences, are over targets that are not independe
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Len
 from jaxtyping import Bool, Float, Int
 
 from hlp.errors import DataError
 from hlp.files import read_csv, read_json, write_csv
 from hlp.records import TargetScore
+from hlp.settings import Count, NotNegative, Share, Stored, stored_as
 
 Summary = dict[str, Any]
 
@@ -27,18 +30,109 @@ METRICS: dict[str, Callable[[TargetScore], bool]] = {
 }
 """Name of each metric in `summary.json`, and the verdict of a score that it counts."""
 
-_REQUIRED = {
-    *("targets", "metrics", "per_object", "bop", "calibration", "false_alarms"),
-    *("timing", "timing_ms", "waterfall", "votes"),
-}
+_Whole = Annotated[int, Ge(0)]
+_Counts = dict[str, _Whole]
+
+
+@dataclass(frozen=True)
+class _Recall(Stored):
+    recall: Share
+    ci95: Annotated[tuple[float, ...], Len(2, 2)] = (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class _Average(Stored):
+    ar: Share | None
+    vsd: Share | None
+    mssd: Share | None
+    mspd: Share | None
+
+
+@dataclass(frozen=True)
+class _Calibration(Stored):
+    answers: _Whole
+    ece: Share | None
+    aurc: Share | None
+    reliability: list[Annotated[tuple[float, ...], Len(3, 3)]]
+
+
+@dataclass(frozen=True)
+class _FalseAlarms(Stored):
+    searched: _Whole
+    alarms: _Whole
+    scores: list[Share] = field(default_factory=list)  # earlier versions kept none
+
+
+@dataclass(frozen=True)
+class _Time(Stored):
+    median: NotNegative | None
+    p95: NotNegative | None
+
+
+@dataclass(frozen=True)
+class _Timing(Stored):
+    frames: _Whole
+    reused_stages: list[str]
+    first_use_seconds: NotNegative | None
+    cpu_ms: NotNegative | None
+    wall_ms: NotNegative | None
+    load: NotNegative
+    cores: Count
+
+
+@dataclass(frozen=True)
+class _Waterfall(Stored):
+    total: _Counts
+    per_object: dict[str, _Counts]
+    per_visibility: dict[str, _Counts]
+
+
+@dataclass(frozen=True)
+class _Votes(Stored):
+    votes: NotNegative
+    good: Share | None
+    good_weight: Share | None
+    by_object: Share | None
+    good_by_object: Share | None
+
+
+@dataclass(frozen=True)
+class _AllVotes(Stored):
+    total: _Votes
+    per_object: dict[str, _Votes]
+
+
+@dataclass(frozen=True)
+class _Stated(Stored):
+    """What is read of `summary.json`."""
+
+    targets: Count
+    metrics: dict[str, _Recall]
+    per_object: dict[str, dict[str, int | _Recall]]
+    bop: _Average
+    calibration: _Calibration
+    false_alarms: _FalseAlarms
+    timing: _Timing
+    timing_ms: dict[str, _Time]
+    waterfall: _Waterfall
+    votes: _AllVotes
 
 
 def read_summary(path: Path) -> Summary:
     """Read `summary.json`. Raises MissingFileError, DataError if it is none of this version."""
     summary: Summary = read_json(path)
-    if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
-        lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""
-        raise DataError(f"{path} is not a summary of a run by this version{lacks}")
+    where = f"{path} is not a summary of a run by this version"
+    stated = stored_as(_Stated, summary, where)
+    counts = (*stated.waterfall.per_object.values(), *stated.waterfall.per_visibility.values())
+    for names, keyed in (
+        (METRICS.keys(), [stated.metrics]),
+        ({"targets", *METRICS}, stated.per_object.values()),
+        ({"total", "refinement"}, [stated.timing_ms]),
+        (stated.waterfall.total.keys(), counts),
+    ):
+        for each in keyed:
+            if missing := names - each.keys():
+                raise DataError(f"{where}: it lacks {', '.join(sorted(missing))}")
     return summary
 
 
