@@ -34,8 +34,9 @@ def find_removable(work: Path, results: Iterable[Path]) -> list[Removable]:
     """
     if not work.is_dir():
         raise MissingFileError(f"there is no folder {work}: name the one of the runs, work=DIR")
-    files = (path for folder in results for path in own_files(folder))
-    manifests = [path for path in files if path.name == MANIFEST]  # none is left out: it names some
+    # Here none is left out with a warning: what it names would count as unreferenced.
+    written = (path for folder in results for path in own_files(folder))
+    manifests = [path for path in written if path.name == MANIFEST]
     named = {
         (event.stage, event.fingerprint) for path in manifests for event in named_outputs(path)
     }

@@ -24,7 +24,14 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from hlp.data.public_sets import Archive, PublicSet
-from hlp.errors import DataError, DiskFullError, HlpError, InputError, NetworkError
+from hlp.errors import (
+    DataError,
+    DiskFullError,
+    HlpError,
+    InputError,
+    NetworkError,
+    is_expected,
+)
 from hlp.files import write_json
 from hlp.folders import locked
 
@@ -219,7 +226,13 @@ def unpack(archive: Path, folder: Path, root: str) -> int:
                     shutil.copyfileobj(source, stream)
             return len(files)
     except _BROKEN as error:
-        raise DataError(f"{archive} is damaged ({error}): delete it and call again") from error
+        raise _damaged(archive, error) from error
+    except OSError as error:  # of the disk, or of a place that no archive has
+        raise error if is_expected(error) else _damaged(archive, error) from error
+
+
+def _damaged(archive: Path, error: Exception) -> DataError:
+    return DataError(f"{archive} is damaged ({error}): delete it and call again")
 
 
 def require_room(folder: Path, needed: float, what: str) -> None:

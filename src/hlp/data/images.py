@@ -97,7 +97,8 @@ def depth_metres(
     present = _present(raw, path)
     with np.errstate(over="ignore"):  # of a unit that is none: the depths say so
         unit = np.float32(millimetres / MILLIMETRES_PER_METRE)
-        return np.asarray(np.where(present, raw, 0).astype(np.float32) * unit)
+        metres = np.asarray(np.where(present, raw, 0).astype(np.float32) * unit)
+    return np.nan_to_num(metres, copy=False, posinf=0.0) if raw.dtype.kind == "f" else metres
 
 
 def guess_unit(raw: np.ndarray[Any, Any], path: Path) -> tuple[float, str]:
