@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hlp.commands.report import report
 from hlp.errors import DataError, MissingFileError
 from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
@@ -90,6 +91,12 @@ def test_a_summary_of_other_types_is_named(tmp_path, key, value, said):
         read_summary(tmp_path / "a" / "summary.json")
     assert said in str(error.value)
     assert [row[1] for row in run_list(tmp_path).rows] == ["broken"]
+
+
+def test_a_terminal_obeys_no_name_in_a_run(tmp_path, capsys):
+    write_run(tmp_path / "a", "demo", summary(("cat\x1b]0;x\x07", "ape")))
+    report([f"output={tmp_path}"])
+    assert "cat\ufffd]0;x\ufffd" in capsys.readouterr().out
 
 
 def test_of_three_runs_mean_and_standard_deviation_are_told(tmp_path: Path) -> None:
