@@ -29,7 +29,7 @@ def quality(good: float | None, votes: float) -> dict[str, Any]:
 
 def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
     metrics = {"add": 0.5, "5cm5deg": 0.25, "iou50": 0.75}
-    each = {key: {"recall": value} for key, value in metrics.items()}
+    each = {key: recall(value) for key, value in metrics.items()}
     return {
         "targets": 8,
         "metrics": {key: recall(value) for key, value in metrics.items()},

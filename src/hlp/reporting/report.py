@@ -1,7 +1,6 @@
 """`hlp report` and `hlp runs`: finished runs as tables for a terminal or Markdown, and as pages."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,7 +35,8 @@ from hlp.reporting.sweep_report import describe_sweep, write_sweep
 from hlp.reporting.sweeps import read_sweeps
 from hlp.reporting.table import Table, format_share, lay_out, prose
 from hlp.results.recalls import average_recalls, read_summary
-from hlp.settings import Stored, read_as
+from hlp.schemas import record
+from hlp.settings import read_as
 
 
 def report_runs(folder: Path, layout: str, details: bool = False) -> str:
@@ -181,13 +181,7 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
 
 _HEADER = ["folder", "state", "targets", "ADD(-S)", "95 %", "5cm5deg", "ms"]
 _SWEEP_STATES = {"FINISHED": "runs", "STOPPED": "stopped", "RUNNING": "begun"}
-
-
-@dataclass(frozen=True)
-class _SweepState(Stored):
-    status: Literal["FINISHED", "STOPPED", "RUNNING"]
-
-
+_SWEEP_STATE = record(status=Literal["FINISHED", "STOPPED", "RUNNING"])
 _HYDRA = ".hydra"  # Hydra writes it before anything else
 _UNKNOWN = [""] * (len(_HEADER) - 2)
 
@@ -229,7 +223,7 @@ def _cells(run: Path) -> list[str]:
 
 def _sweep_cells(folder: Path) -> list[str]:
     """How many of the runs that have begun are finished, and the best run's figures."""
-    state = _SWEEP_STATES[read_as(folder / SWEEP, _SweepState).status]
+    state = _SWEEP_STATES[read_as(folder / SWEEP, _SWEEP_STATE).status]
     runs = [path for path in folder.iterdir() if path.is_dir() and path.name.isdecimal()]
     finished = sum((run / MANIFEST).is_file() for run in runs)
     best = [sweep.best for sweep in read_sweeps(folder)]

@@ -4,16 +4,15 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-from annotated_types import Len
+from typing import Any, Literal, Optional
 
 from hlp.files import SUMMARY
-from hlp.reporting.study_tables import format_ms, head_of, read_mean_recalls
+from hlp.reporting.study_tables import TOTAL, format_ms, head_of, read_mean_recalls
 from hlp.reporting.summary_tables import METRIC_LABELS, run_cells, run_numbers
 from hlp.reporting.table import format_share
-from hlp.results.recalls import read_summary
-from hlp.settings import NotNegative, Share, Stored, read_as
+from hlp.results.recalls import INTERVAL, read_summary
+from hlp.schemas import by_name, record, several
+from hlp.settings import NotNegative, Share, read_as
 
 Interval = tuple[float, float]
 RUN = "sweep"
@@ -79,50 +78,21 @@ def _read_run(path: Path) -> list[Number]:
     return numbers
 
 
-@dataclass(frozen=True)
-class _Median(Stored):
-    median_ms: NotNegative
-
-
-@dataclass(frozen=True)
-class _Unit(Stored):
-    total: _Median | None = None  # frames of a single object have no further one
-
-
-@dataclass(frozen=True)
-class _Path(Stored):
-    first: _Unit
-    further: _Unit
-    add_recall: Share
-
-
-@dataclass(frozen=True)
-class _Paths(Stored):
-    configured: _Path
-
-
-@dataclass(frozen=True)
-class _Memory(Stored):
-    peak_mib: NotNegative
-
-
-@dataclass(frozen=True)
-class _Machine(Stored):
-    load: NotNegative
-
-
-@dataclass(frozen=True)
-class _Bench(Stored):
-    paths: _Paths
-    memory: _Memory
-    machine: _Machine
+_TIMES = by_name(record(median_ms=NotNegative))
+_PATH = record(first=_TIMES, further=_TIMES, add_recall=Share)
+_BENCH = record(
+    paths=record(configured=_PATH),
+    memory=record(peak_mib=NotNegative),
+    machine=record(load=NotNegative),
+)
 
 
 def _read_bench(path: Path) -> list[Number]:
-    result = read_as(path, _Bench)
+    result = read_as(path, _BENCH)
     configured, numbers = result.paths.configured, []
     for unit in ("first", "further"):
-        if (total := getattr(configured, unit).total) is not None:
+        # Frames of a single object have no further one.
+        if total := getattr(configured, unit).get(TOTAL):
             numbers.append(Number(f"ms {unit}", "ms", total.median_ms, format_ms(total.median_ms)))
     peak, load = result.memory.peak_mib, result.machine.load
     numbers.append(Number("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
@@ -130,27 +100,13 @@ def _read_bench(path: Path) -> list[Number]:
     return [*numbers, Number("load", "", load, f"{load:.1f}")]
 
 
-@dataclass(frozen=True)
-class _Interval(Stored):
-    recall: Share
-    ci95: Annotated[tuple[float, ...], Len(2, 2)]
-
-
-@dataclass(frozen=True)
-class _Cell(Stored):
-    region: Literal["estimated", "true"]
-    coarse: Literal["estimated", "true"]
-    add: _Interval
-
-
-@dataclass(frozen=True)
-class _Oracle(Stored):
-    cells: list[_Cell]
-    lost: dict[str, float]
+_PLACE = Literal["estimated", "true"]
+_CELL = record(region=_PLACE, coarse=_PLACE, add=INTERVAL)
+_ORACLE = record(cells=several(_CELL), lost=by_name(float))
 
 
 def _read_oracle(path: Path) -> list[Number]:
-    result = read_as(path, _Oracle)
+    result = read_as(path, _ORACLE)
     numbers = []
     for place, cell in enumerate(result.cells):
         low, high = cell.add.ci95
@@ -168,20 +124,12 @@ def _read_basin(path: Path) -> list[Number]:
     return [_recall(name, panel, recall, main=True) for name, recall in means]
 
 
-@dataclass(frozen=True)
-class _Trial(Stored):
-    recall: Share
-    time_ms: NotNegative
-
-
-@dataclass(frozen=True)
-class _Search(Stored):
-    trials: list[Any]
-    best: _Trial | None
+_BEST = record(recall=Share, time_ms=NotNegative)
+_SEARCH = record(trials=several(Any), best=Optional[_BEST])  # noqa: UP045
 
 
 def _read_search(path: Path) -> list[Number]:
-    result = read_as(path, _Search)
+    result = read_as(path, _SEARCH)
     tried, best = len(result.trials), result.best
     numbers = [Number("trials", "trials", tried, str(tried))]
     if best is not None:

@@ -6,18 +6,18 @@ The 95 % intervals, also of differences, are over targets that are not independe
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Union
 
 import numpy as np
-from annotated_types import Ge, Len
+from annotated_types import Ge
 from jaxtyping import Bool, Float, Int
 
 from hlp.errors import DataError
 from hlp.files import read_csv, read_json, write_csv
 from hlp.records import TargetScore
-from hlp.settings import Count, NotNegative, Share, Stored, stored_as
+from hlp.schemas import by_name, record, several
+from hlp.settings import Count, NotNegative, Share, stored_as
 
 Summary = dict[str, Any]
 
@@ -30,105 +30,47 @@ METRICS: dict[str, Callable[[TargetScore], bool]] = {
 }
 """Name of each metric in `summary.json`, and the verdict of a score that it counts."""
 
-_Whole = Annotated[int, Ge(0)]
-_Counts = dict[str, _Whole]
-
-
-@dataclass(frozen=True)
-class _Recall(Stored):
-    recall: Share
-    ci95: Annotated[tuple[float, ...], Len(2, 2)] = (0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class _Average(Stored):
-    ar: Share | None
-    vsd: Share | None
-    mssd: Share | None
-    mspd: Share | None
-
-
-@dataclass(frozen=True)
-class _Calibration(Stored):
-    answers: _Whole
-    ece: Share | None
-    aurc: Share | None
-    reliability: list[Annotated[tuple[float, ...], Len(3, 3)]]
-
-
-@dataclass(frozen=True)
-class _FalseAlarms(Stored):
-    searched: _Whole
-    alarms: _Whole
-    scores: list[Share] = field(default_factory=list)  # earlier versions kept none
-
-
-@dataclass(frozen=True)
-class _Time(Stored):
-    median: NotNegative | None
-    p95: NotNegative | None
-
-
-@dataclass(frozen=True)
-class _Timing(Stored):
-    frames: _Whole
-    reused_stages: list[str]
-    first_use_seconds: NotNegative | None
-    cpu_ms: NotNegative | None
-    wall_ms: NotNegative | None
-    load: NotNegative
-    cores: Count
-
-
-@dataclass(frozen=True)
-class _Waterfall(Stored):
-    total: _Counts
-    per_object: dict[str, _Counts]
-    per_visibility: dict[str, _Counts]
-
-
-@dataclass(frozen=True)
-class _Votes(Stored):
-    votes: NotNegative
-    good: Share | None
-    good_weight: Share | None
-    by_object: Share | None
-    good_by_object: Share | None
-
-
-@dataclass(frozen=True)
-class _AllVotes(Stored):
-    total: _Votes
-    per_object: dict[str, _Votes]
-
-
-@dataclass(frozen=True)
-class _Stated(Stored):
-    """What is read of `summary.json`."""
-
-    targets: Count
-    metrics: dict[str, _Recall]
-    per_object: dict[str, dict[str, int | _Recall]]
-    bop: _Average
-    calibration: _Calibration
-    false_alarms: _FalseAlarms
-    timing: _Timing
-    timing_ms: dict[str, _Time]
-    waterfall: _Waterfall
-    votes: _AllVotes
+_WHOLE, _SHARE, _LONG = Annotated[int, Ge(0)], Share | None, NotNegative | None
+_COUNTS = by_name(_WHOLE)
+INTERVAL = record(recall=Share, ci95=several(float, 2))
+"""A recall and its 95 % interval."""
+_STATED = record(
+    targets=Count,
+    metrics=by_name(INTERVAL),
+    per_object=by_name(by_name(Union[_WHOLE, INTERVAL])),  # noqa: UP007
+    bop=record(ar=_SHARE, vsd=_SHARE, mssd=_SHARE, mspd=_SHARE),
+    calibration=record(
+        answers=_WHOLE, ece=_SHARE, aurc=_SHARE, reliability=several(several(float, 3))
+    ),
+    false_alarms=record(searched=_WHOLE, alarms=_WHOLE),
+    timing=record(
+        frames=_WHOLE,
+        reused_stages=several(str),
+        first_use_seconds=_LONG,
+        cpu_ms=_LONG,
+        wall_ms=_LONG,
+        load=NotNegative,
+        cores=Count,
+    ),
+    timing_ms=by_name(record(median=_LONG, p95=_LONG)),
+    waterfall=record(total=_COUNTS, per_object=by_name(_COUNTS), per_visibility=by_name(_COUNTS)),
+    votes=record(total=by_name(_LONG), per_object=by_name(by_name(_LONG))),
+)
+_VOTES = {"votes", "good", "good_weight", "by_object", "good_by_object"}
 
 
 def read_summary(path: Path) -> Summary:
     """Read `summary.json`. Raises MissingFileError, DataError if it is none of this version."""
     summary: Summary = read_json(path)
     where = f"{path} is not a summary of a run by this version"
-    stated = stored_as(_Stated, summary, where)
+    stated = stored_as(_STATED, summary, where)
     counts = (*stated.waterfall.per_object.values(), *stated.waterfall.per_visibility.values())
     for names, keyed in (
         (METRICS.keys(), [stated.metrics]),
         ({"targets", *METRICS}, stated.per_object.values()),
         ({"total", "refinement"}, [stated.timing_ms]),
         (stated.waterfall.total.keys(), counts),
+        (_VOTES, [stated.votes.total, *stated.votes.per_object.values()]),
     ):
         for each in keyed:
             if missing := names - each.keys():
