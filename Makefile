@@ -109,7 +109,7 @@ $(NEWEST)/.installed: pyproject.toml constraints.txt
 	fi
 	@touch $@
 
-fuzz: $(STAMP) ## files spoiled at random, MINUTES of CPU time for each kind
+fuzz: $(STAMP) ## files spoiled at random, MINUTES of CPU time for each reader
 	@$(BIN)/python tests/fuzzing/for_minutes.py $(MINUTES)
 
 # torch comes first here too, and stays: as an override it is taken as it was installed.

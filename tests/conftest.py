@@ -3,6 +3,7 @@
 import os
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch is imported anywhere
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "200000000")  # as `hlp` does
 
 import gc
 import sys

@@ -119,7 +119,7 @@ CASES: dict[str, Case] = {
         lambda folder: read_json(written(folder / "a.json", "[" + "1," * 99 + "1]"), 100),
         "has 201 bytes: at most 100",
     ),
-    "summary: empty": (of_file(read_summary, "summary.json", "{}"), "it lacks bop"),
+    "summary: empty": (of_file(read_summary, "summary.json", "{}"), "targets is missing"),
     "results: no manifest": (
         lambda folder: read_sweeps(written(folder / "summary.json", "{}").parent),
         "manifest.json",

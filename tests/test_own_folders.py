@@ -23,7 +23,7 @@ LEAVES: dict[str, Callable[[Path, Path], None]] = {
 
 
 @pytest.mark.parametrize("what", LEAVES)
-def test_what_leads_out_of_a_folder_is_named(tmp_path, what):
+def test_what_leads_out_of_a_folder_is_named(tmp_path, what, caplog):
     (tmp_path / "secret.txt").write_text("of the user")
     sub = tmp_path / "run" / "sub"
     sub.mkdir(parents=True)
@@ -32,8 +32,10 @@ def test_what_leads_out_of_a_folder_is_named(tmp_path, what):
     words = {"pipe": "neither a file", "deep": "below 64 folders"}.get(what, "leads out of")
     with pytest.raises(DataError, match=words):
         own_files(tmp_path / "run")
-    with pytest.raises(DataError, match=words):
-        found_below(tmp_path, "summary.json")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "summary.json").touch()
+    assert found_below(tmp_path, "summary.json") == [tmp_path / "other" / "summary.json"]
+    assert f"left out: {sub}" in caplog.text
 
 
 def test_a_folder_of_ones_own_passes_and_may_be_a_link(tmp_path):
@@ -66,6 +68,9 @@ def test_a_lock_neither_follows_a_link_nor_waits_for_a_pipe(tmp_path):
         with pytest.raises(InputError, match="is a link, which no lock is"):
             lock_file(tmp_path / name)
     assert mine.read_text() == "of the user" and not (tmp_path / "made").exists()
+    (tmp_path / "folder" / "full").mkdir(parents=True)
+    lock_file(tmp_path / "folder").close()
+    assert (tmp_path / "folder").is_file() and [*tmp_path.glob("folder.*/full")]
     os.mkfifo(tmp_path / "pipe")
     taken = pytest.raises(InputError, match="taken")
     with locked(tmp_path / "pipe", ""), taken, locked(tmp_path / "pipe", "taken"):

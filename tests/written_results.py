@@ -29,7 +29,7 @@ def quality(good: float | None, votes: float) -> dict[str, Any]:
 
 def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
     metrics = {"add": 0.5, "5cm5deg": 0.25, "iou50": 0.75}
-    each = {key: {"recall": value} for key, value in metrics.items()}
+    each = {key: recall(value) for key, value in metrics.items()}
     return {
         "targets": 8,
         "metrics": {key: recall(value) for key, value in metrics.items()},
@@ -72,7 +72,7 @@ def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
 
 def scored(add: float, ms: float, objects: Mapping[str, float]) -> dict[str, Any]:
     """`summary.json` of twenty targets an object."""
-    recalls = {"add": add, "5cm5deg": add - 0.2, "iou50": add + 0.05}
+    recalls = {"add": add, "5cm5deg": add - 0.2, "iou50": min(add + 0.05, 1.0)}
     return summary(tuple(objects)) | {
         "targets": 20 * len(objects),
         "metrics": {

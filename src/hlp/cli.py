@@ -106,5 +106,6 @@ def _set_environment() -> None:
     given = os.environ.get("PYTHONWARNINGS", "").split(",")
     filters = dict.fromkeys([*filter(None, given), "ignore:resource_tracker"])
     os.environ["PYTHONWARNINGS"] = ",".join(filters)
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "200000000")  # small files may state more
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # what cannot be read is said once, by us
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors unchanged; `fail` shortens them

@@ -5,6 +5,7 @@ traceback. Each class is also a subclass of a built-in error, so `except ValueEr
 """
 
 import errno
+import re
 
 _MACHINES = {
     errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
@@ -13,6 +14,7 @@ _MACHINES = {
 }  # fmt: skip
 
 
+_CONTROLS = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")
 _LONGEST = 300  # characters of a message: a file may hold, and name, anything
 
 
@@ -23,9 +25,14 @@ class HlpError(Exception):
         return shortened(super().__str__())
 
 
+def without_controls(text: str) -> str:
+    """A text, which may be out of anybody's file, without what a terminal would obey."""
+    return _CONTROLS.sub("\ufffd", text)
+
+
 def shortened(text: str) -> str:
     """The beginning and the end of a message that is too long for people."""
-    kept = _LONGEST // 2 - 1
+    text, kept = without_controls(text), _LONGEST // 2 - 1
     return text if len(text) <= _LONGEST else f"{text[:kept]}…{text[-kept:]}"
 
 

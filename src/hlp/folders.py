@@ -4,6 +4,7 @@ A link in there may lead to any file of the user's, and a pipe would be read for
 is looked through before anything in it is opened; what its own files name is found by `inside`.
 """
 
+import logging
 import os
 import sys
 from collections.abc import Iterator
@@ -37,10 +38,17 @@ def own_files(folder: Path) -> list[Path]:
 
 
 def found_below(root: Path, name: str) -> list[Path]:
-    """What has a name in or below a folder, if `own_files` raises nothing for where it lies."""
-    found = sorted(Path(entry) for entry, _ in _entries(root) if entry.name == name)
-    for path in found:
-        own_files(path.parent)
+    """What has a name in or below a folder.
+
+    Left out with a warning is what lies in a folder for which `own_files` raises an error.
+    """
+    found = []
+    for path in sorted(Path(entry) for entry, _ in _entries(root) if entry.name == name):
+        try:
+            own_files(path.parent)
+            found.append(path)
+        except DataError as error:
+            logging.getLogger(__name__).warning("left out: %s", error)
     return found
 
 
@@ -67,9 +75,12 @@ def inside(folder: Path, name: str) -> Path:
 
 
 def lock_file(path: Path) -> FileIO:
-    """Open the file of a lock, which is made but never emptied. Raises InputError for a link."""
+    """Open the file of a lock, which is made but never emptied. Raises InputError for a link.
+
+    A folder in its place is kept beside it.
+    """
     if path.is_dir() and not path.is_symlink():
-        path.rmdir()  # an empty folder is in the way of nothing else
+        path.rename(path.with_name(f"{path.name}.{os.getpid()}"))
     try:
         return FileIO(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644))
     except OSError as error:
@@ -82,16 +93,18 @@ def lock_file(path: Path) -> FileIO:
 def locked(path: Path, problem: str) -> Iterator[None]:
     """Hold the lock of a file; the system frees that of a dead process.
 
-    Raises InputError with the `problem` while another process holds it. No effect on Windows.
+    Raises InputError with the `problem` while another process holds it.
     """
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
     with lock_file(path) as lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(lock.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError) as error:
             raise InputError(problem) from error
         yield

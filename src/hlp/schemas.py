@@ -7,7 +7,8 @@ not named here are not read.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
+from types import GenericAlias
 from typing import Annotated, Any
 
 import numpy as np
@@ -194,6 +195,22 @@ class ModelInfo(Stored):
     diameter: Positive | None = None
     symmetries_discrete: tuple[_Matrix4, ...] = ()
     symmetries_continuous: tuple[ContinuousSymmetry, ...] = ()
+
+
+def record(**fields: Any) -> Any:
+    """A `Stored` record of fields by their types, for files of which little is read."""
+    return make_dataclass("record", fields.items(), bases=(Stored,), frozen=True)
+
+
+def by_name(kind: Any) -> Any:
+    """The type of an object of JSON whose values are all of one kind."""
+    return GenericAlias(dict, (str, kind))
+
+
+def several(kind: Any, count: int | None = None) -> Any:
+    """The type of a list whose values are all of one kind; of so many values, if stated."""
+    listed = GenericAlias(tuple, (kind, ...))
+    return listed if count is None else Annotated[listed, Len(count, count)]
 
 
 Scene = dict[str, Any]

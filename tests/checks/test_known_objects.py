@@ -249,7 +249,7 @@ def test_where_nothing_is_found_that_is_said_and_nothing_is_searched(
 ):
     detector = Stub(models)
     watch(detector, [frames[0]] * count, score=0.05)
-    assert f"found in none of {examined} frames; `hlp doctor`" in said()[-1]
+    assert f"found in none of {examined} frames. Less than 40 px" in said()[-1]
     assert detector.asked == []
 
 

@@ -58,7 +58,7 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
         (["learn", "mehs=a.ply"], "mehs is not a key of `hlp learn`: did you mean mesh?"),
         (["learn", "names=a"], "mesh is not set: give mesh="),
         (["objects", "lst"], "cannot use 'lst': did you mean list? see `hlp objects --help`"),
-        (["objects", "export", "a"], "cannot use 'export a': see `hlp objects --help`"),
+        (["objects", "export", "a"], "cannot use 'export a': it must be hlp objects export NAME|"),
         (["report", "experimnt=demo"], "experimnt is not a key of `hlp report`: did you mean exp"),
         (
             ["notebooks", "folder=here"],
@@ -76,6 +76,12 @@ def test_a_mistyped_word_is_named_with_what_was_meant(words, said, capsys):
         main(words)
     assert ended.value.code == 1
     assert capsys.readouterr().err.startswith(f"hlp: {said}")
+
+
+@pytest.mark.parametrize("text", ["[" * 60_000, "[" * 900 + "x" + "]" * 900])
+def test_a_value_of_brackets_is_no_list(text):
+    with pytest.raises(InputError, match=r"more \[ than any value"):
+        own.search_masks({"box": text})
 
 
 def test_settings_are_read_from_their_own_keys():

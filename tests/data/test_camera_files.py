@@ -134,6 +134,9 @@ CASES: dict[str, Case] = {
     "an alias": (intrinsics("a: &a [1, 1]\nK: [*a, *a]\n", "k.yaml"), "*name"),
     "grouped digits": (intrinsics("fx: 3_00", "k.yaml"), "3_00"),
     "grouped digits of a text": (intrinsics("3_00 0 1 0 3 1 0 0 1", "k.txt"), "neither keys"),
+    "numbers of another shape": (
+        intrinsics({"camera_matrix": {"rows": 4, "cols": 3, "data": FLAT}}), "must have 3 rows"
+    ),
     "many keys": (intrinsics("".join(f"k{i}: 1\n" for i in range(9999)), "k.yaml"), "too long"),
     "closed before opened": (intrinsics("#" + "]" * 900 + "\nK: " + "[" * 900, "k.yaml"), "deeply"),
     "a width of true": (intrinsics({"K": FLAT, "width": True, "height": 9}), "give pixels"),

@@ -163,14 +163,17 @@ def npy(shape: str, values: Any = b"") -> bytes:
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + bytes(values)
 
 
+JPEG = cv2.imencode(".jpg", np.zeros((8, 16), np.uint8))[1].tobytes()
+JPEG = JPEG.replace(struct.pack(">HH", 8, 16), struct.pack(">HH", 30_000, 30_000), 1)
 GREY, DEPTH = np.full((8, 8), 9, np.uint8), np.full((8, 8), 900, np.uint16)
 CASES: dict[str, Case] = {
     "no image": (lambda folder: read_rgb(folder / "a.png"), "no image"),
     "no depth image": (lambda folder: read_raw_depth(folder / "a.npy"), "no image"),
     **{
-        f"png of {side} px": (of_file(read_rgb, "a.png", stated_size(side)), "too large, with more")
+        f"png of {side} px": (of_file(read_rgb, "a.png", stated_size(side)), "too large, or no")
         for side in (60_000, 15_000)
     },
+    "jpeg of 30,000 px": (of_file(read_rgb, "a.jpg", JPEG), "too large, or no image"),
     "depth for colours": (pixels(read_rgb, "a.png", DEPTH), "is it a depth image?"),
     "header of text": (of_file(size, "a.png", "png"), "truncated or no image"),
     "too large": (of_file(size, "a.png", PNG), "of 60x40 with more than 0.001 megapixels"),
@@ -188,7 +191,7 @@ CASES: dict[str, Case] = {
     "own depth in whole metres": (pixels(guessed, "a.png", DEPTH * 0 + 3), "give depth_scale"),
     "own depth of no shape": (of_file(own, "a.npy", npy("(10**6, 10**6)")), "no array"),
     "own depth with a deep header": (of_file(own, "a.npy", npy("(" * 3000)), "no array"),
-    "own depth beyond": (of_file(own, "a.npy", npy("(8, 8)", np.full(64, 1e300))), "than inf m"),
+    "own depth beyond": (of_file(own, "a.npy", npy("(8, 8)", np.full(64, 1e300))), "than 0 m"),
     "own depth of nearly 0": (of_file(own, "a.npy", npy("(8,8)", np.full(64, 1e-99))), "than 0 m"),
     "a PNG cut": (of_file(read_rgb, "a.png", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\xff"), "truncated"),
 }

@@ -1,40 +1,66 @@
-"""Try each kind of file for some minutes of CPU time, with new examples in every round.
+"""Try each reader for some minutes of CPU time, with seeds that were not tried before.
 
-    python tests/fuzzing/for_minutes.py 10                   # every kind
-    python tests/fuzzing/for_minutes.py 10 meshes results    # these
+    python tests/fuzzing/for_minutes.py 10                   # every reader
+    python tests/fuzzing/for_minutes.py 10 images learnt.json
 
-Ends with 1 if an example broke a test. What a round finds is in pytest's own output, with the blob
-that repeats it, and belongs into the test as an `@example`.
+Ends with 1 if a reader broke, hung for 20 s, or took 4 GB; its seed belongs into `KEPT` of
+test_fuzzed_readers.py.
 """
 
-import os
 import resource
-import subprocess
+import shutil
+import signal
 import sys
+import tempfile
+import time
+import traceback
 from pathlib import Path
 
-HERE = Path(__file__).parent
-KINDS = ("frames", "meshes", "results")
-EXAMPLES = "1000"  # of each test in a round
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+from readers import Case, readers, try_seed  # noqa: E402
+
+PATIENCE, MEMORY = 20, 4 * 1024**3  # s for a file; bytes beyond those of the start
 
 
-def cpu_seconds() -> float:
-    """CPU time of the child processes that have ended."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+def _hung(*_: object) -> None:
+    raise TimeoutError(f"it takes more than {PATIENCE} s")
 
 
-def try_kind(kind: str, seconds: float) -> bool:
-    """Rounds of examples until the time is used, or one fails."""
-    begun, file = cpu_seconds(), str(HERE / f"test_fuzzed_{kind}.py")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-x", file]
-    environment = {**os.environ, "HLP_EXAMPLES": EXAMPLES, "OMP_NUM_THREADS": "1"}
-    while cpu_seconds() - begun < seconds:
-        if subprocess.run(command, env=environment, check=False).returncode != 0:
+def try_reader(name: str, cases: list[Case], seconds: float, folder: Path) -> bool:
+    """New seeds until the time is used, or one breaks the reader."""
+    begun, first = time.process_time(), time.time_ns() // 1000 % 10**12
+    seed = first
+    while time.process_time() - begun < seconds:
+        folder.mkdir()
+        signal.alarm(PATIENCE)
+        try:
+            try_seed(cases, seed, folder)
+        except BaseException as error:
+            traceback.print_exc()
+            print(f"{name}: seed {seed}, {cases[seed % len(cases)].name}: {error!r:.200}")
+            if isinstance(error, KeyboardInterrupt):
+                raise
             return False
+        finally:
+            signal.alarm(0)
+            shutil.rmtree(folder)
+        seed += 1
+    print(f"{name}: {seed - first} files in {seconds:g} s, seeds from {first}", flush=True)
     return True
 
 
+def main(minutes: float, names: list[str]) -> bool:
+    """Whether every reader was clean."""
+    signal.signal(signal.SIGALRM, _hung)
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, most))
+    with tempfile.TemporaryDirectory() as made:
+        valid = Path(made, "valid")
+        valid.mkdir()
+        found, folder = readers(valid), Path(made, "tried")
+        return all([try_reader(n, found[n], 60 * minutes, folder) for n in names or found])
+
+
 if __name__ == "__main__":
-    minutes, *kinds = sys.argv[1:]
-    sys.exit(not all([try_kind(kind, 60 * float(minutes)) for kind in kinds or KINDS]))
+    sys.exit(not main(float(sys.argv[1]), sys.argv[2:]))

@@ -1,5 +1,6 @@
 """Meshes: loading, decimation, diameters; files that are none."""
 
+import os
 import struct
 import time
 
@@ -230,6 +231,16 @@ def ply(vertices, faces, count=3, head="ply\nformat ascii 1.0\n"):
         f"{head}element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n"
         f"element face 1\nproperty list uchar int vertex_indices\nend_header\n{vertices}\n{faces}\n"
     )
+
+
+@pytest.mark.parametrize("name", ["a.mtl", "a.png"])
+def test_a_pipe_that_a_mesh_names_is_not_waited_for(tmp_path, name):
+    written(tmp_path / "a.mtl", "newmtl a\nmap_Kd a.png\n")
+    (tmp_path / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / name)
+    text = "mtllib a.mtl\nusemtl a\nv 0 0 0\nv 90 0 0\nv 0 90 0\nv 0 0 70\nvt 0 0\n"
+    text += "f 1/1 2/1 3/1\nf 1/1 2/1 4/1\nf 1/1 3/1 4/1\nf 2/1 3/1 4/1\n"
+    assert load_mesh(written(tmp_path / "a.obj", text)).texture is None
 
 
 def textured_mesh(uv):

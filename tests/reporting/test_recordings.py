@@ -23,7 +23,7 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
             **scored(0.9 - 0.1 * number, 40.0, {"cat": 0.9}),
             "bop": BOP if not number else dict.fromkeys(BOP),
             "calibration": {
-                "ece": None,
+                **scored(0.9, 40.0, {})["calibration"],
                 "reliability": [[4, 0.3, 0.25], [8, 0.62, 0.75], [4, 0.98, 1.0]],
             },
             "false_alarms": {"searched": 17, "alarms": 1, "scores": [0.6, 0.1]},

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hlp.commands.report import report
 from hlp.errors import DataError, MissingFileError
 from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
@@ -49,7 +50,7 @@ def test_report_says_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"summary\.json is not JSON"):
         read_summary(tmp_path / "summary.json")
     (tmp_path / "summary.json").write_text('{"targets": 3}')
-    with pytest.raises(ValueError, match=r"it lacks bop, .*metrics"):
+    with pytest.raises(ValueError, match=r"metrics is missing"):
         read_summary(tmp_path / "summary.json")
 
 
@@ -70,8 +71,32 @@ def test_what_is_broken_or_of_another_version_costs_itself(tmp_path, caplog):
     assert str(tmp_path / "a") in report_runs(tmp_path, "text")
     assert describe_reports(tmp_path, "text") == ""
     assert f"left out: {tmp_path / 'b' / 'summary.json'} is not a summary" in caplog.text
-    with pytest.raises(DataError, match=r"is not a summary of a run .*it lacks bop"):
+    with pytest.raises(DataError, match=r"is not a summary of a run .*targets is missing"):
         report_runs(tmp_path / "b", "text")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("metrics", "x", "metrics is 'x': it must be a mapping"),
+        ("metrics", {"add": {"recall": 0.5, "ci95": [0, 1]}}, "it lacks 5cm5deg, iou50"),
+        ("targets", "many", "targets is 'many': it must be a whole number"),
+        ("per_object", {"cat": {"targets": 3}}, "it lacks 5cm5deg, add, iou50"),
+        ("bop", {"ar": 1.5}, "bop.vsd is missing"),
+    ],
+)
+def test_a_summary_of_other_types_is_named(tmp_path, key, value, said):
+    write_run(tmp_path / "a", "demo", summary() | {key: value})
+    with pytest.raises(DataError) as error:
+        read_summary(tmp_path / "a" / "summary.json")
+    assert said in str(error.value)
+    assert [row[1] for row in run_list(tmp_path).rows] == ["broken"]
+
+
+def test_a_terminal_obeys_no_name_in_a_run(tmp_path, capsys):
+    write_run(tmp_path / "a", "demo", summary(("cat\x1b]0;x\x07", "ape")))
+    report([f"output={tmp_path}"])
+    assert "cat\ufffd]0;x\ufffd" in capsys.readouterr().out
 
 
 def test_of_three_runs_mean_and_standard_deviation_are_told(tmp_path: Path) -> None:

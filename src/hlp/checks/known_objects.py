@@ -220,8 +220,9 @@ class FaultWatch:
         self._say(found or check_registration([frame for frame, _ in self._seen]))
         if not any(found.score >= MIN_SCORE for _, answers in self._seen for found in answers):
             _logger.info(
-                "%s: found in none of %d frames; `hlp doctor` with the same learnt, rgb, depth, "
-                "intrinsics, mask and box looks for the reason",
+                "%s: found in none of %d frames. Less than 40 px along the diameter are too few; "
+                "`hlp doctor` with the same learnt, rgb, depth, intrinsics, mask and box looks for "
+                "other reasons",
                 ", ".join(self._names),
                 len(self._seen),
             )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from hlp.data.own_frames import SearchMasks
 
 T = TypeVar("T")
+_MOST_BRACKETS = 64  # of a value: lists of lists are read one within the other
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -96,6 +97,8 @@ def field_names(*kinds: Any) -> set[str]:
 def plain_value(text: str) -> Any:
     """A number, list, true, false or null; anything else is text: a path, with ~ expanded."""
     text = text.strip()
+    if text.count("[") > _MOST_BRACKETS:
+        raise InputError(f"{text} has more [ than any value")
     if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"":
         return text[1:-1]
     with suppress(ValueError):

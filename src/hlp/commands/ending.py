@@ -79,6 +79,8 @@ def messages_on(stream: str) -> Iterator[None]:
         yield
         return
     logger, handler = logging.getLogger("hlp"), logging.StreamHandler(getattr(sys, stream))
+    seen = set[str]()  # one command may look into a folder several times: each warning once
+    handler.addFilter(lambda record: not _is_repeated(record, seen))
     handler.setFormatter(logging.Formatter("%(message)s"))
     before = logger.level
     logger.addHandler(handler)
@@ -88,6 +90,13 @@ def messages_on(stream: str) -> Iterator[None]:
     finally:
         logger.removeHandler(handler)
         logger.setLevel(before)
+
+
+def _is_repeated(record: logging.LogRecord, seen: set[str]) -> bool:
+    said = record.getMessage() if record.levelno >= logging.WARNING else ""
+    repeated = said in seen
+    seen.update({said} - {""})
+    return repeated
 
 
 def fail(error: BaseException) -> NoReturn:

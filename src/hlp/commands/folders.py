@@ -9,7 +9,7 @@ from hlp.commands.arguments import is_true, known_arguments, path_of, text_list
 from hlp.data.public_sets import IMAGES, SETS, find_set
 from hlp.errors import InputError, MissingFileError
 from hlp.files import MANIFEST, expanded, shipped_folder
-from hlp.folders import found_below, locked
+from hlp.folders import locked, own_files
 from hlp.stages.manifest import is_fingerprint, named_outputs
 from hlp.stages.store import DAMAGED, IN_USE, PARTIAL, RECORD
 
@@ -33,7 +33,9 @@ def find_removable(work: Path, results: Iterable[Path]) -> list[Removable]:
     """
     if not work.is_dir():
         raise MissingFileError(f"there is no folder {work}: name the one of the runs, work=DIR")
-    manifests = [path for folder in results for path in found_below(folder, MANIFEST)]
+    # Here none is left out with a warning: what it names would count as unreferenced.
+    written = (path for folder in results for path in own_files(folder))
+    manifests = [path for path in written if path.name == MANIFEST]
     named = {
         (event.stage, event.fingerprint) for path in manifests for event in named_outputs(path)
     }

@@ -1,10 +1,12 @@
 """`hlp objects`: what is learnt and kept in the user's cache."""
 
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from hlp.commands import help_text
 from hlp.commands.arguments import nearest, tracking_uri
 from hlp.errors import InputError
 from hlp.files import MANIFEST, config_folder, expanded
@@ -39,7 +41,9 @@ def objects(arguments: Sequence[str]) -> None:
                 address = register_learnt(folder, model, uri)
             print(f"registered {address}; in Python: mlflow.pyfunc.load_model('{address}')")
         case _:
-            hint = nearest(words[0], _WORDS) if words and words[0] not in _WORDS else ":"
+            word = words[0] if words else ""
+            form = re.search(rf"hlp objects {re.escape(word)} .*", help_text("objects"))
+            hint = f": it must be {form[0]}," if form else nearest(word, _WORDS) or ":"
             raise InputError(f"cannot use '{' '.join(words)}'{hint} see `hlp objects --help`")
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hlp.commands.arguments import is_true, known_arguments, tracking_uri, whole_number
-from hlp.errors import InputError
+from hlp.errors import InputError, without_controls
 from hlp.reporting.experiments import describe_reports
 from hlp.reporting.mlflow import is_local
 from hlp.reporting.mlflow.pages import PORT, newest_page, server
@@ -30,22 +30,26 @@ def report(arguments: Sequence[str]) -> None:
     layout, details = _layout(given), is_true(given, "details", False)
     folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
     if "runs" in given:
-        print(describe_named(given["runs"], given.get("uri") or tracking_uri(), layout))
+        _print(describe_named(given["runs"], given.get("uri") or tracking_uri(), layout))
     elif "objects" in given:
-        print(report_selection(folder, given["objects"], layout))
+        _print(report_selection(folder, given["objects"], layout))
     else:
-        print(report_runs(folder, layout, details))
+        _print(report_runs(folder, layout, details))
         if words := describe_reports(folder, layout):
-            print(f"\n{words}")
+            _print(f"\n{words}")
         print()
         for page in write_pages(folder):
             print(f"Report: {page}")
 
 
+def _print(text: str) -> None:
+    print(without_controls(text))
+
+
 def runs(arguments: Sequence[str]) -> None:
     """Print the list of runs."""
     given = known_arguments(arguments, ("output", "format"), "runs")
-    print(describe_outputs(Path(given.get("output", "outputs")), _layout(given)))
+    _print(describe_outputs(Path(given.get("output", "outputs")), _layout(given)))
 
 
 def _layout(given: Mapping[str, str]) -> str:

@@ -19,6 +19,7 @@ from hlp.schemas import camera_matrix, number
 _MOST_BYTES = 1024**2
 _MOST_JSON = 16 * 1024**2  # scene_camera.json of thousands of frames
 _LARGEST = 100_000  # px of an image's side
+_MOST_BENT = 1e4  # of a coefficient of distortion
 _LEAST_SEEN = 0.1  # of the image that an undistorted one shows
 _LONGEST_UNIT = 1e6  # mm
 # Keys that hold a matrix or fx, fy, cx, cy: BOP's, RealSense's, plain ones, Open3D's, OpenCV's and
@@ -126,7 +127,9 @@ def _camera(content: Mapping[str, Any], where: str) -> Camera:
         raise InputError(f"{where}: {_NO_FORM}")
     values: Any = [content[key] for key in keys]
     if len(keys) == 1:
-        values = _data(values[0])
+        stated, values = values[0], _data(values[0])
+        if isinstance(stated, dict) and [stated.get(key, 3) for key in ("rows", "cols")] != [3, 3]:
+            raise InputError(f"{where}: {keys[0]} must have 3 rows and 3 cols")
     matrix = _matrix(values, where, by_columns=keys == ("intrinsic_matrix",))
     distortion, fisheye = _distortion(content, where)
     scale = content.get("depth_scale")
@@ -162,6 +165,8 @@ def _distortion(content: Mapping[str, Any], where: str) -> tuple[tuple[float, ..
         raise InputError(f"{where}: the distortion must be numbers, not {values!r}") from error
     if not any(coefficients):
         return (), False
+    if not all(abs(value) < _MOST_BENT for value in coefficients):
+        raise InputError(f"{where}: no lens has a distortion of {values}")
     stated = content.get("distortion_model", content.get("model", ""))
     name = re.sub(r"[\s-]+", "_", str(stated).lower().removeprefix("distortion.")).strip("_")
     if name not in _MODELS:

@@ -24,7 +24,14 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from hlp.data.public_sets import Archive, PublicSet
-from hlp.errors import DataError, DiskFullError, HlpError, InputError, NetworkError
+from hlp.errors import (
+    DataError,
+    DiskFullError,
+    HlpError,
+    InputError,
+    NetworkError,
+    is_expected,
+)
 from hlp.files import write_json
 from hlp.folders import locked
 
@@ -59,8 +66,8 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
     unpacked = partial / "unpacked"
     partial.mkdir(parents=True, exist_ok=True)
     lock = folder.with_name(f".{folder.name}.lock")
-    try:
-        with locked(lock, f"another process is loading {folder}: wait for it"):
+    with locked(lock, f"another process is loading {folder}: wait for it"):
+        try:
             shutil.rmtree(unpacked, ignore_errors=True)
             _require_room_for(archives, partial)
             sources = [fetch(archive, partial / archive.name) for archive in archives]
@@ -72,10 +79,10 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
             write_json(unpacked / SOURCES, about | {"archives": sources})
             unpacked.rename(folder)
             shutil.rmtree(partial)
-            lock.unlink(missing_ok=True)
-    finally:
-        with suppress(OSError):
-            partial.rmdir()  # nothing of it was loaded
+        finally:
+            for remove in (partial.rmdir, lock.unlink):  # if nothing of it was loaded
+                with suppress(OSError):
+                    remove()
     return folder
 
 
@@ -242,7 +249,13 @@ def unpack(archive: Path, folder: Path, root: str) -> int:
                     shutil.copyfileobj(source, stream)
             return len(files)
     except _BROKEN as error:
-        raise DataError(f"{archive} is damaged ({error}): delete it and call again") from error
+        raise _damaged(archive, error) from error
+    except OSError as error:  # of the disk, or of a place that no archive has
+        raise error if is_expected(error) else _damaged(archive, error) from error
+
+
+def _damaged(archive: Path, error: Exception) -> DataError:
+    return DataError(f"{archive} is damaged ({error}): delete it and call again")
 
 
 def require_room(folder: Path, needed: float, what: str) -> None:

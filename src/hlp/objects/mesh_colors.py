@@ -101,6 +101,9 @@ def files_beside(path: Path, missing: list[str]) -> FilePathResolver:
     class Noting(FilePathResolver):
         def get(self, name: str) -> Any:
             try:
+                for said in (name.strip(), unquote(name.strip())):
+                    if (file := path.parent / said).exists() and not file.is_file():
+                        raise FileNotFoundError(f"{file} is no file")  # a pipe is read for ever
                 return super().get(name)
             except Exception:
                 if not name.strip().lower().endswith(_NO_IMAGES):

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
 
 from hlp.errors import DataError, InputError, MissingFileError
-from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, read_json
+from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
 from hlp.folders import found_below, own_files
 from hlp.reporting.comparison import (
     WELL_VISIBLE,
@@ -35,6 +35,8 @@ from hlp.reporting.sweep_report import describe_sweep, write_sweep
 from hlp.reporting.sweeps import read_sweeps
 from hlp.reporting.table import Table, format_share, lay_out, prose
 from hlp.results.recalls import average_recalls, read_summary
+from hlp.schemas import record
+from hlp.settings import read_as
 
 
 def report_runs(folder: Path, layout: str, details: bool = False) -> str:
@@ -179,6 +181,7 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
 
 _HEADER = ["folder", "state", "targets", "ADD(-S)", "95 %", "5cm5deg", "ms"]
 _SWEEP_STATES = {"FINISHED": "runs", "STOPPED": "stopped", "RUNNING": "begun"}
+_SWEEP_STATE = record(status=Literal["FINISHED", "STOPPED", "RUNNING"])
 _HYDRA = ".hydra"  # Hydra writes it before anything else
 _UNKNOWN = [""] * (len(_HEADER) - 2)
 
@@ -214,14 +217,14 @@ def _cells(run: Path) -> list[str]:
             return ["study" if finished else "unfinished", *_UNKNOWN]
         figures = _figures(read_summary(run / SUMMARY))
         return ["finished" if finished else "unfinished", *figures]
-    except (DataError, KeyError, TypeError, ValueError):
+    except DataError:
         return ["broken", *_UNKNOWN]
 
 
 def _sweep_cells(folder: Path) -> list[str]:
     """How many of the runs that have begun are finished, and the best run's figures."""
-    state = _SWEEP_STATES[read_json(folder / SWEEP)["status"]]
-    runs = [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
+    state = _SWEEP_STATES[read_as(folder / SWEEP, _SWEEP_STATE).status]
+    runs = [path for path in folder.iterdir() if path.is_dir() and path.name.isdecimal()]
     finished = sum((run / MANIFEST).is_file() for run in runs)
     best = [sweep.best for sweep in read_sweeps(folder)]
     results = [run.result for run in best if run is not None and run.result is not None]

@@ -4,20 +4,15 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, Optional
 
-from hlp.errors import DataError
-from hlp.files import SUMMARY, TIMES, read_json
-from hlp.reporting.study_tables import (
-    CONFIGURED,
-    TOTAL,
-    format_ms,
-    head_of,
-    read_bench,
-    read_mean_recalls,
-)
+from hlp.files import SUMMARY, TIMES
+from hlp.reporting.study_tables import TOTAL, format_ms, head_of, read_mean_recalls
 from hlp.reporting.summary_tables import METRIC_LABELS, run_cells, run_numbers
 from hlp.reporting.table import format_share
-from hlp.results.recalls import read_summary
+from hlp.results.recalls import INTERVAL, read_summary
+from hlp.schemas import by_name, record, several
+from hlp.settings import NotNegative, Share, read_as
 
 Interval = tuple[float, float]
 RUN = "sweep"
@@ -59,14 +54,7 @@ def read_numbers(folder: Path, kind: Kind) -> dict[str, Number]:
     Raises DataError for a broken file.
     """
     path = folder / kind.file
-    if not path.is_file():
-        return {}
-    try:
-        return {number.name: number for number in kind.read(path)}
-    except DataError:
-        raise
-    except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
-        raise DataError(f"{path} holds nothing that can be read ({error!r})") from error
+    return {number.name: number for number in kind.read(path)} if path.is_file() else {}
 
 
 def _recall(
@@ -90,9 +78,19 @@ def _read_run(path: Path) -> list[Number]:
     return numbers
 
 
+_TIMES = by_name(record(median_ms=NotNegative))
+_MEANS = record(wall_ms=Optional[NotNegative], cpu_ms=Optional[NotNegative])
+_PATH = record(first=_TIMES, further=_TIMES, add_recall=Share)
+_BENCH = record(
+    paths=record(configured=_PATH),
+    memory=record(peak_mib=NotNegative),
+    machine=record(load=NotNegative),
+)
+
+
 def _read_times(path: Path) -> list[Number]:
-    found = read_json(path)
-    named = {"ms": found["wall_ms"], "CPU ms": found["cpu_ms"]}
+    found: Any = read_as(path, _MEANS)
+    named = {"ms": found.wall_ms, "CPU ms": found.cpu_ms}
     return [
         Number(name, "ms", time, format_ms(time))
         for name, time in named.items()
@@ -101,29 +99,33 @@ def _read_times(path: Path) -> list[Number]:
 
 
 def _read_bench(path: Path) -> list[Number]:
-    result = read_bench(path)
-    configured = result["paths"][CONFIGURED]
-    numbers = []
+    result = read_as(path, _BENCH)
+    configured, numbers = result.paths.configured, []
     for unit in ("first", "further"):
-        if configured[unit]:  # frames of a single object have no further one
-            time = configured[unit][TOTAL]["median_ms"]
-            numbers.append(Number(f"ms {unit}", "ms", time, format_ms(time)))
-    peak, load = result["memory"]["peak_mib"], result["machine"]["load"]
+        # Frames of a single object have no further one.
+        if total := getattr(configured, unit).get(TOTAL):
+            numbers.append(Number(f"ms {unit}", "ms", total.median_ms, format_ms(total.median_ms)))
+    peak, load = result.memory.peak_mib, result.machine.load
     numbers.append(Number("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
-    numbers.append(_recall(ADD, "ADD(-S) recall", configured["add_recall"], main=True))
+    numbers.append(_recall(ADD, "ADD(-S) recall", configured.add_recall, main=True))
     return [*numbers, Number("load", "", load, f"{load:.1f}")]
 
 
+_PLACE = Literal["estimated", "true"]
+_CELL = record(region=_PLACE, coarse=_PLACE, add=INTERVAL)
+_ORACLE = record(cells=several(_CELL), lost=by_name(float))
+
+
 def _read_oracle(path: Path) -> list[Number]:
-    result = read_json(path)
+    result = read_as(path, _ORACLE)
     numbers = []
-    for place, cell in enumerate(result["cells"]):
-        low, high = map(float, cell["add"]["ci95"])
-        name, recall = head_of(cell["region"], cell["coarse"]), cell["add"]["recall"]
-        numbers.append(_recall(name, "ADD(-S) recall", recall, (low, high), main=place == 0))
+    for place, cell in enumerate(result.cells):
+        low, high = cell.add.ci95
+        name, main = head_of(cell.region, cell.coarse), place == 0
+        numbers.append(_recall(name, "ADD(-S) recall", cell.add.recall, (low, high), main=main))
     return numbers + [
         Number(f"lost {stage}", "recall lost", lost, f"{lost:+.3f}")
-        for stage, lost in result["lost"].items()
+        for stage, lost in result.lost.items()
     ]
 
 
@@ -133,14 +135,17 @@ def _read_basin(path: Path) -> list[Number]:
     return [_recall(name, panel, recall, main=True) for name, recall in means]
 
 
+_BEST = record(recall=Share, time_ms=NotNegative)
+_SEARCH = record(trials=several(Any), best=Optional[_BEST])  # noqa: UP045
+
+
 def _read_search(path: Path) -> list[Number]:
-    result = read_json(path)
-    tried, best = len(result["trials"]), result["best"]
+    result = read_as(path, _SEARCH)
+    tried, best = len(result.trials), result.best
     numbers = [Number("trials", "trials", tried, str(tried))]
     if best is not None:
-        panel = "ADD(-S) recall of the best trial"
-        numbers.append(_recall("best ADD(-S)", panel, best["recall"], main=True))
-        time = best["time_ms"]
+        panel, time = "ADD(-S) recall of the best trial", best.time_ms
+        numbers.append(_recall("best ADD(-S)", panel, best.recall, main=True))
         numbers.append(Number("its ms", "ms of the best trial", time, format_ms(time)))
     return numbers
 

@@ -81,10 +81,13 @@ def write_basins(folder: Path, cells: pd.DataFrame) -> None:
 def read_mean_recalls(path: Path) -> dict[str, float]:
     """Recall of all objects by refiner, the mean over all starting errors, from basin.csv.
 
-    Raises MissingFileError, DataError for another file, and ValueError without a number.
+    Raises MissingFileError, and DataError for another file.
     """
     cells = pd.DataFrame(read_csv(path, _BASIN), columns=_BASIN)
-    whole = cells[cells["object"] == ALL].astype({"add_recall": float})
+    try:
+        whole = cells[cells["object"] == ALL].astype({"add_recall": float})
+    except ValueError as error:
+        raise DataError(f"{path}: a recall is no number ({error})") from error
     means: dict[str, float] = whole.groupby("refiner", sort=False)["add_recall"].mean().to_dict()
     return means
 

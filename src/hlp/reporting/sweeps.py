@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from hlp.errors import DataError
 from hlp.files import MANIFEST, SWEEP
 from hlp.reporting.comparison import Difference, difference_cells, paired_difference, surely
 from hlp.reporting.results import (
@@ -213,17 +212,14 @@ def read_sweeps(folder: Path) -> list[Sweep]:
     Empty before the first run. A run that has not finished is listed with every kind that others
     are; with plain runs if none has finished. Raises DataError for a broken file, naming it.
     """
-    try:
-        stated, command, folders = _Stated([], []), run_command(folder), [folder]
-        if (folder / SWEEP).is_file():
-            stated = read_as(folder / SWEEP, _Stated)
-            numbered = (path for path in folder.iterdir() if path.name.isdigit() and path.is_dir())
-            folders = sorted(numbered, key=lambda path: int(path.name))
-            command = " ".join(["hlp -m", *stated.overrides])
-        results = {run: read_result(run) for run in folders if run == folder or is_finished(run)}
-        chosen = {run: chosen_values(run) for run in folders}
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{folder} holds no results that can be read ({error!r})") from error
+    stated, command, folders = _Stated([], []), run_command(folder), [folder]
+    if (folder / SWEEP).is_file():
+        stated = read_as(folder / SWEEP, _Stated)
+        numbered = (path for path in folder.iterdir() if path.name.isdecimal() and path.is_dir())
+        folders = sorted(numbered, key=lambda path: int(path.name))
+        command = " ".join(["hlp -m", *stated.overrides])
+    results = {run: read_result(run) for run in folders if run == folder or is_finished(run)}
+    chosen = {run: chosen_values(run) for run in folders}
     sweeps = []
     for name, kind in KINDS.items():
         runs = []

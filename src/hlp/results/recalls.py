@@ -7,14 +7,17 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Union
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Bool, Float, Int
 
 from hlp.errors import DataError
 from hlp.files import read_csv, read_json, write_csv
 from hlp.records import TargetScore
+from hlp.schemas import by_name, record, several
+from hlp.settings import Count, NotNegative, Share, stored_as
 
 Summary = dict[str, Any]
 
@@ -27,18 +30,51 @@ METRICS: dict[str, Callable[[TargetScore], bool]] = {
 }
 """Name of each metric in `summary.json`, and the verdict of a score that it counts."""
 
-_REQUIRED = {
-    *("targets", "metrics", "per_object", "bop", "calibration", "false_alarms"),
-    *("timing", "timing_ms", "waterfall", "votes"),
-}
+_WHOLE, _SHARE, _LONG = Annotated[int, Ge(0)], Share | None, NotNegative | None
+_COUNTS = by_name(_WHOLE)
+INTERVAL = record(recall=Share, ci95=several(float, 2))
+"""A recall and its 95 % interval."""
+_STATED = record(
+    targets=Count,
+    metrics=by_name(INTERVAL),
+    per_object=by_name(by_name(Union[_WHOLE, INTERVAL])),  # noqa: UP007
+    bop=record(ar=_SHARE, vsd=_SHARE, mssd=_SHARE, mspd=_SHARE),
+    calibration=record(
+        answers=_WHOLE, ece=_SHARE, aurc=_SHARE, reliability=several(several(float, 3))
+    ),
+    false_alarms=record(searched=_WHOLE, alarms=_WHOLE),
+    timing=record(
+        frames=_WHOLE,
+        reused_stages=several(str),
+        first_use_seconds=_LONG,
+        cpu_ms=_LONG,
+        wall_ms=_LONG,
+        load=NotNegative,
+        cores=Count,
+    ),
+    timing_ms=by_name(record(median=_LONG, p95=_LONG)),
+    waterfall=record(total=_COUNTS, per_object=by_name(_COUNTS), per_visibility=by_name(_COUNTS)),
+    votes=record(total=by_name(_LONG), per_object=by_name(by_name(_LONG))),
+)
+_VOTES = {"votes", "good", "good_weight", "by_object", "good_by_object"}
 
 
 def read_summary(path: Path) -> Summary:
     """Read `summary.json`. Raises MissingFileError, DataError if it is none of this version."""
     summary: Summary = read_json(path)
-    if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
-        lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""
-        raise DataError(f"{path} is not a summary of a run by this version{lacks}")
+    where = f"{path} is not a summary of a run by this version"
+    stated = stored_as(_STATED, summary, where)
+    counts = (*stated.waterfall.per_object.values(), *stated.waterfall.per_visibility.values())
+    for names, keyed in (
+        (METRICS.keys(), [stated.metrics]),
+        ({"targets", *METRICS}, stated.per_object.values()),
+        ({"total", "refinement"}, [stated.timing_ms]),
+        (stated.waterfall.total.keys(), counts),
+        (_VOTES, [stated.votes.total, *stated.votes.per_object.values()]),
+    ):
+        for each in keyed:
+            if missing := names - each.keys():
+                raise DataError(f"{where}: it lacks {', '.join(sorted(missing))}")
     return summary
 
 

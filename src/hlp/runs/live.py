@@ -1,5 +1,6 @@
 """`hlp live`: an answer to each image of a camera as it comes, as a line of JSON; its page."""
 
+import socket
 import sys
 import threading
 import time
@@ -77,10 +78,14 @@ class PicturePage(ThreadingHTTPServer):
         return self._free.acquire(blocking=False)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, in a thread of its own."""
+        """Answer, in a thread of its own; a client that is slow on purpose is cut off."""
+        end = threading.Timer(_PATIENCE, request.shutdown, [socket.SHUT_RDWR])
+        end.daemon = True
+        end.start()
         try:
             super().process_request_thread(request, client_address)
         finally:
+            end.cancel()
             self._free.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:

@@ -31,6 +31,7 @@ RECORD = LearntRecord({"bear": 1, "can": 4}, (1, 3, 4), MethodSettings(), {"a/b"
         ({"files": {"a": None}}, "files.a is null: it must be text"),
         ({"settings": {"seed": "0"}}, "settings.seed is '0': it must be a whole number"),
         ({"classes": [1, 1, 4]}, "ids [1, 4], classes [1, 1, 4]: each has one"),
+        ({"objects": {}}, "ids [], classes [1, 3, 4]: each has one"),
     ],
 )
 def test_a_record_comes_back_and_what_is_not_as_its_schema_is_named(tmp_path, values, words):

@@ -108,7 +108,8 @@ def read_record(folder: Path) -> LearntRecord:
         if not NAME.fullmatch(name):
             raise DataError(f"{path}: {name!r} cannot name an object")
     ids, classes = [*record.objects.values()], record.classes
-    if len({*ids}) < len(ids) or len({*classes}) < len(classes) or not {*ids} <= {*classes}:
+    distinct = len({*ids}) == len(ids) > 0 and len({*classes}) == len(classes)
+    if not distinct or not {*ids} <= {*classes}:
         raise DataError(f"{path}: ids {ids}, classes {[*classes]}: each has one: {_AGAIN}")
     return record
 
@@ -174,7 +175,11 @@ class LearntFolder:
 
     def load_classifier(self) -> Network:
         """The classifier of holistic patches."""
-        return load_classifier(self._part(CLASSIFIER), self.settings.machine)
+        network = load_classifier(self._part(CLASSIFIER), self.settings.machine)
+        if network.outputs != len(self.classes) + 1:
+            stated = f"{len(self.classes)} classes, the classifier has {network.outputs - 1}"
+            raise DamagedError(f"{self.folder / RECORD}: {stated}: {_AGAIN}")
+        return network
 
     def load_encoder(self) -> Encoder:
         """The encoder of local patches."""

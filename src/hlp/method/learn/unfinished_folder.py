@@ -111,7 +111,8 @@ def _locked(folder: Path) -> Iterator[None]:
     path.parent.mkdir(parents=True, exist_ok=True)
     with locked(path, f"another process is learning into {folder.name}: wait for it"):
         yield
-        path.unlink(missing_ok=True)
+        with suppress(OSError):  # on Windows, it is open
+            path.unlink()
 
 
 def _publish(partial: Path, folder: Path, replaces: bool) -> None:
