@@ -79,7 +79,7 @@ def _read_run(path: Path) -> list[Number]:
 
 
 _TIMES = by_name(record(median_ms=NotNegative))
-_MEANS = record(wall_ms=Optional[NotNegative], cpu_ms=Optional[NotNegative])
+_MEANS = record(wall_ms=Optional[NotNegative], cpu_ms=Optional[NotNegative])  # noqa: UP045
 _PATH = record(first=_TIMES, further=_TIMES, add_recall=Share)
 _BENCH = record(
     paths=record(configured=_PATH),
