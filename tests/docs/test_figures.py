@@ -20,6 +20,7 @@ DOCS = ROOT / "docs"
 _MARK = re.compile(r"<!-- figures: (.+?) -->\n")
 _RESULT = re.compile(r"(?<![\w.])[+−-]?\.\d{2,3}(?!\d)")
 _NUMBER = re.compile(r"[+-]?\d*\.?\d+(e-?\d+)?")
+_BETWEEN = re.compile(r"(?<=\d)-(?=\d)")  # of an interval's limits
 _CELL = re.compile(r"[+−-]?\d*\.?\d+")
 
 
@@ -50,7 +51,8 @@ def rows_of(path: Path) -> list[set[float]]:
                 found.add(float(value))
         return [found]
     rows = csv.reader(path.read_text().splitlines())
-    return [{float(cell) for cell in row if _NUMBER.fullmatch(cell)} for row in rows]
+    numbers = ([n for cell in row for n in _BETWEEN.split(cell)] for row in rows)
+    return [{float(number) for number in row if _NUMBER.fullmatch(number)} for row in numbers]
 
 
 def shown_in(block: str) -> Iterator[str]:
