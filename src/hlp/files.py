@@ -213,10 +213,10 @@ def _too_deep(where: str) -> DataError:
 
 
 def read_csv(path: Path, columns: Sequence[str], *, more: bool = False) -> list[dict[str, Any]]:
-    """Rows of a CSV file by column name; the first row is line 2, missing cells are None.
+    """Rows of a CSV file by column name; the first row is line 2.
 
     With `more`, further columns may follow. Raises MissingFileError, or DataError naming a file
-    whose first line is not `columns`, or that is not text.
+    whose first line is not `columns`, whose lines are of other lengths, or that is not text.
     """
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
@@ -226,9 +226,13 @@ def read_csv(path: Path, columns: Sequence[str], *, more: bool = False) -> list[
             names = tuple(reader.fieldnames or ())
             if (names[: len(columns)] if more else names) != tuple(columns):
                 raise DataError(f"{path}: the first line must be {','.join(columns)}")
-            return list(reader)
+            rows = list(reader)
     except (UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path} is damaged, or no table in UTF-8 ({error})") from error
+    for line, row in enumerate(rows, start=2):
+        if None in row or None in row.values():
+            raise DataError(f"{path}, line {line}: it must have {len(names)} cells")
+    return rows
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:

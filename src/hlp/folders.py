@@ -15,6 +15,7 @@ from pathlib import Path
 from hlp.errors import DataError, InputError
 
 _DEEPEST = 64  # folders within each other
+_LONGEST = 255  # bytes of a name
 
 
 def own_files(folder: Path) -> list[Path]:
@@ -69,7 +70,8 @@ def _entries(folder: Path) -> Iterator[tuple["os.DirEntry[str]", int]]:
 def inside(folder: Path, name: str) -> Path:
     """The path of a file that a folder's own files name. Raises DataError for one outside."""
     path = Path(name)
-    if path.is_absolute() or ".." in path.parts:
+    too_long = any(len(os.fsencode(part)) > _LONGEST for part in path.parts)
+    if path.is_absolute() or ".." in path.parts or too_long:
         raise DataError(f"{folder} names a file outside of it: {name}")
     return folder / path
 

@@ -404,7 +404,7 @@ def readers(folder: Path) -> dict[str, list[Case]]:
             case(
                 "box.txt", "[1, 2.5, 30, 40]",
                 lambda at: search_masks({"box": (at / "box.txt").read_text("utf-8", "replace")}),
-                named="box",
+                named="",
             )
         ],
         "meshes": [

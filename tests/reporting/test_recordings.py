@@ -8,7 +8,7 @@ from hlp.reporting.experiments import describe_reports, write_reports
 from hlp.reporting.recordings import draw_scores, repeats_of
 from hlp.reporting.sweeps import read_sweeps
 from table_text import csv_rows, unpadded
-from written_results import scored, write_run, write_sweep, write_verdicts
+from written_results import in_vain, scored, write_run, write_sweep, write_verdicts
 
 COUNTED = "sure,sure_wrong,searched_in_vain,false_alarms,ms"
 BOP = {"ar": 0.7, "vsd": 0.6, "mssd": 0.7, "mspd": 0.8}
@@ -26,7 +26,7 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
                 **scored(0.9, 40.0, {})["calibration"],
                 "reliability": [[4, 0.3, 0.25], [8, 0.62, 0.75], [4, 0.98, 1.0]],
             },
-            "false_alarms": {"searched": 17, "alarms": 1, "scores": [0.6, 0.1]},
+            "false_alarms": {**in_vain(17, 1), "scores": [0.6, 0.1]},
         }
         write_run(folder / str(number), "recordings", summary, [f"data={name}"])
     (folder / "1").mkdir()
@@ -86,8 +86,7 @@ def test_a_curve_of_precision_counts_answers_where_nothing_is(tmp_path: Path) ->
     folder = write_sweep(tmp_path / "sweep", ["data"], ["experiment=recordings"])
     summary = {**scored(0.75, 40.0, {"cat": 0.75}), "targets": 4}
     for number, name in enumerate(("board", "demo")):
-        in_vain = {"searched": 2, "alarms": number, "scores": [0.85] * number}
-        given = summary | {"false_alarms": in_vain}
+        given = summary | {"false_alarms": {**in_vain(2, number), "scores": [0.85] * number}}
         made = write_run(folder / str(number), "recordings", given, [f"data={name}"])
         write_verdicts(made, [1, 1, 0, 1], scores=[0.95, 0.9, 0.8, 0.6])
     figure = draw_scores(repeats_of(read_sweeps(folder)[0].results, ["data"]))

@@ -79,7 +79,11 @@ def test_what_is_broken_or_of_another_version_costs_itself(tmp_path, caplog):
     ("key", "value", "said"),
     [
         ("metrics", "x", "metrics is 'x': it must be a mapping"),
-        ("metrics", {"add": {"recall": 0.5, "ci95": [0, 1]}}, "it lacks 5cm5deg, iou50"),
+        (
+            "metrics",
+            {"add": {"recall": 0.5, "ci95": [0, 1], "mean_object": 0}},
+            "it lacks 5cm5deg, iou50",
+        ),
         ("targets", "many", "targets is 'many': it must be a whole number"),
         ("per_object", {"cat": {"targets": 3}}, "it lacks 5cm5deg, add, iou50"),
         ("bop", {"ar": 1.5}, "bop.vsd is missing"),

@@ -69,7 +69,7 @@ TURN, SHIFT = "1 0 0 0 1 0 0 0 1", "0 0 800"
     ("content", "message"),
     [
         (HEADER + f"6,0,1,0.5,1 0 0 0 1,{SHIFT},1\n", "line 2: no pose"),
-        (HEADER + f"6,0,1,0.5,{TURN},{SHIFT},1\n6,0,1,0.5,{TURN}\n", "line 3: no pose"),
+        (HEADER + f"6,0,1,0.5,{TURN},{SHIFT},1\n6,0,1,0.5,{TURN}\n", "line 3: it must have 7"),
         (HEADER + f"6,0,1,0.5,{TURN},0 nan 800,1\n", "line 2: NaN"),
         (HEADER + f"6,0,1,0.5,2 0 0 0 1 0 0 0 1,{SHIFT},1\n", "line 2: R is not a rotation"),
         (HEADER + f"6,0,1,0.5,1 0 0 0 1 0 0 0 -1,{SHIFT},1\n", "a reflection"),

@@ -130,7 +130,7 @@ HEADER = "scene_id,im_id,obj_id,instance,object,pso\n"
         ("scene_id,im_id\n1,2\n", "first line must be scene_id"),
         (f"{HEADER}1,1,1,0,cat,0.5\n1,1,one,0,cat,0.5\n", "line 3: no target .*one"),
         (f"{HEADER}1,1,1,0,cat,much\n", "line 2: no target .*much"),
-        (f"{HEADER}1,1,1,0,cat\n", "line 2: no target"),
+        (f"{HEADER}1,1,1,0,cat\n", "line 2: it must have 6 cells"),
         (f"{HEADER}1,1,1,0,cat,nan\n", "line 2: a value is not finite"),
     ],
 )

@@ -129,7 +129,7 @@ def run_cells(summary: Mapping[str, Any]) -> dict[str, str]:
 def bop_words(summary: Mapping[str, Any]) -> str:
     """BOP's average recall and the three of which it is the mean; empty if one is missing."""
     recalls = summary["bop"]
-    if recalls["ar"] is None:
+    if None in (recalls[key] for key in ("ar", *BOP_RECALLS)):
         return ""
     parts = ", ".join(f"{key.upper()} {recalls[key]:.3f}" for key in BOP_RECALLS)
     return f"BOP's average recall: {recalls['ar']:.3f}, the mean of {parts}."
@@ -138,7 +138,7 @@ def bop_words(summary: Mapping[str, Any]) -> str:
 def calibration_words(summary: Mapping[str, Any]) -> str:
     """Whether the scores mean what they say, in one line; empty if there was no answer."""
     found = summary["calibration"]
-    if not found["answers"]:
+    if found["ece"] is None or found["aurc"] is None:
         return ""
     return (
         f"Scores of {found['answers']} answers: expected calibration error {found['ece']:.3f}, "
@@ -155,7 +155,7 @@ def sure_answers(summary: Mapping[str, Any]) -> tuple[int, int]:
 def false_alarm_words(summary: Mapping[str, Any]) -> str:
     """How often absent objects were said to be there; empty if none was looked for."""
     found = summary["false_alarms"]
-    if not found["searched"]:
+    if found["rate"] is None:
         return ""
     return (
         f"False alarms: {found['alarms']} of {found['searched']} searches for an object that is no "
@@ -183,8 +183,8 @@ def timing_words(summary: Mapping[str, Any]) -> str:
         words.append(
             f"The first frame, with loading and compiling, took {first:.1f} s (not included)."
         )
-    if (cpu := timing["cpu_ms"]) is not None:
-        wall = timing["wall_ms"]
+    cpu, wall = timing["cpu_ms"], timing["wall_ms"]
+    if cpu is not None and wall is not None:
         words.append(f"Mean of an object: {cpu:.0f} ms of CPU time in {wall:.0f} ms of wall time.")
     load = f"{timing['load']:.1f} on {timing['cores']} cores"
     return " ".join([*words, f"Load of the machine meanwhile: {load}."])

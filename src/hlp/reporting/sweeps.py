@@ -245,9 +245,9 @@ def _holds(values: Mapping[str, str], defaults: Mapping[str, str]) -> bool:
     return bool(pairs) and all(_plain(given) == _plain(value) for given, value in pairs)
 
 
-def _plain(text: str) -> float | str:
-    """A number as such, since 5 and 5.0 are the same value."""
+def _plain(value: Any) -> float | str:
+    """A number as such, since 5 and 5.0 are the same value; else the value as text."""
     try:
-        return float(text)
+        return float(str(value))
     except ValueError:
-        return text
+        return str(value)

@@ -72,7 +72,7 @@ def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
         millimetres = np.array([number(word) for word in row["t"].split()]).reshape(3)
         score, time = number(row["score"]), number(row["time"])
         scene, image, object_id = (_id(row[key]) for key in POSE_COLUMNS[:3])
-    except (ValueError, TypeError, AttributeError) as error:
+    except ValueError as error:
         raise DataError(f"{where}: no pose in BOP's format ({error})") from error
     if not np.isfinite([*rotation.ravel(), *millimetres, score, time]).all():
         raise DataError(f"{where}: NaN or infinity")
@@ -172,7 +172,7 @@ def read_scores(path: Path) -> tuple[list[TargetScore], dict[int, str]]:
             values: dict[str, Any] = {
                 field: read(row[column]) for column, (field, _, read) in _SCORES.items() if field
             }
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, KeyError) as error:
             raise DataError(f"{path}, line {line}: no score ({error})") from error
         scores.append(TargetScore(**values))
         names[scores[-1].object_id] = str(row["object"])

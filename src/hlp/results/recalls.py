@@ -36,13 +36,13 @@ INTERVAL = record(recall=Share, ci95=several(float, 2))
 """A recall and its 95 % interval."""
 _STATED = record(
     targets=Count,
-    metrics=by_name(INTERVAL),
+    metrics=by_name(record(recall=Share, ci95=several(float, 2), mean_object=Share)),
     per_object=by_name(by_name(Union[_WHOLE, INTERVAL])),  # noqa: UP007
     bop=record(ar=_SHARE, vsd=_SHARE, mssd=_SHARE, mspd=_SHARE),
     calibration=record(
         answers=_WHOLE, ece=_SHARE, aurc=_SHARE, reliability=several(several(float, 3))
     ),
-    false_alarms=record(searched=_WHOLE, alarms=_WHOLE),
+    false_alarms=record(searched=_WHOLE, alarms=_WHOLE, min_score=Share, rate=_SHARE),
     timing=record(
         frames=_WHOLE,
         reused_stages=several(str),
@@ -69,12 +69,16 @@ def read_summary(path: Path) -> Summary:
         (METRICS.keys(), [stated.metrics]),
         ({"targets", *METRICS}, stated.per_object.values()),
         ({"total", "refinement"}, [stated.timing_ms]),
+        ({CORRECT}, [stated.waterfall.total]),
         (stated.waterfall.total.keys(), counts),
         (_VOTES, [stated.votes.total, *stated.votes.per_object.values()]),
     ):
         for each in keyed:
             if missing := names - each.keys():
                 raise DataError(f"{where}: it lacks {', '.join(sorted(missing))}")
+    for own in stated.per_object.values():
+        if any(isinstance(own[name], int) for name in METRICS):
+            raise DataError(f"{where}: a recall of an object is but a number")
     return summary
 
 
@@ -153,7 +157,7 @@ def read_target_values(folder: Path) -> dict[str, dict[TargetKey, float]]:
         try:
             scene, image, object_id, instance = (int(row[column]) for column in _COLUMNS[:4])
             found = {name: float(row[name]) for name in names if row[name] != ""}
-        except (ValueError, TypeError) as error:
+        except ValueError as error:
             raise DataError(f"{path}, line {line}: no target ({error})") from error
         if not all(map(math.isfinite, found.values())):
             raise DataError(f"{path}, line {line}: a value is not finite")

@@ -131,6 +131,6 @@ def read_history(folder: Path) -> list[dict[str, float]]:
     for line, row in enumerate(read_csv(path, ["epoch"], more=True), start=2):
         try:
             history.append({name: float(value) for name, value in row.items()})
-        except (ValueError, TypeError) as error:
+        except ValueError as error:
             raise DataError(f"{path}, line {line}: no metrics of an epoch ({error})") from error
     return history
