@@ -24,14 +24,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from hlp.data.public_sets import Archive, PublicSet
-from hlp.errors import (
-    DataError,
-    DiskFullError,
-    HlpError,
-    InputError,
-    NetworkError,
-    is_expected,
-)
+from hlp.errors import DataError, DiskFullError, HlpError, InputError, NetworkError, is_expected
 from hlp.files import write_json
 from hlp.folders import locked
 
@@ -117,7 +110,10 @@ def fetch(archive: Archive, target: Path) -> dict[str, object]:
             found = sha256 if kind == "sha256" else _digest(path, kind)
             if found != digest:
                 path.unlink()
-                raise _wrong(archive, f"its {kind} is {found}, not {digest[:12]}…")
+                raise DataError(
+                    f"{archive.url} is not the file that it should be: its {kind} is {found}, not "
+                    f"{digest[:12]}…. Call again, or give another server with mirror=URL"
+                )
             verified.append(f"{kind} {'known' if known == archive.checksum else 'of the server'}")
     path.rename(target)
     said = ", ".join(verified) or "size alone"
@@ -205,13 +201,6 @@ def _is_near(host: str) -> bool:
     except OSError:  # a proxy may know it
         return False
     return not all(ip_address(str(place[4][0]).partition("%")[0]).is_global for place in found)
-
-
-def _wrong(archive: Archive, problem: str) -> DataError:
-    return DataError(
-        f"{archive.url} is not the file that it should be: {problem}. Call again, or give another "
-        "server with mirror=URL"
-    )
 
 
 @dataclass(frozen=True)
