@@ -26,7 +26,7 @@ def test_targets_run_what_readme_says(words: list[str], run: list[str]) -> None:
     """The `make` that runs this test, perhaps with variables of its own, passes nothing on."""
     own = ("MAKE", "MFLAGS", "BROWSER", "PORT", "SLOW", "WORK")
     done = subprocess.run(
-        ["make", "--dry-run", "--assume-old=.venv/.installed", *words],
+        ["make", "--dry-run", "--what-if=.venv/.installed", *words],
         cwd=ROOT,
         env={name: value for name, value in os.environ.items() if not name.startswith(own)},
         capture_output=True,
