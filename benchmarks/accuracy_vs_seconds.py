@@ -146,7 +146,7 @@ def draw(rows: Sequence[Sequence[Any]], path: Path) -> None:
     panels = defaultdict(list)
     for recording, name, *_, recall, cpu, _ in rows:
         panels[recording].append((name, float(cpu), float(recall)))
-    figure = Figure(figsize=(3.4 * (len(panels) + 1), 4.2), layout="constrained")
+    figure = Figure(figsize=(3.4 * (len(panels) + 1), 4.6), layout="constrained")
     *own, other = figure.subplots(1, len(panels) + 1)
     seconds_of_all = [seconds for points in panels.values() for _, seconds, _ in points]
     ends = min(seconds_of_all) / 2, 2 * max(seconds_of_all)
@@ -158,7 +158,8 @@ def draw(rows: Sequence[Sequence[Any]], path: Path) -> None:
             axis.annotate(str(number), (seconds, recall), (4, 3), textcoords="offset points")
         axis.set(title=recording, xlabel="CPU s a target, one thread", xscale="log", xlim=ends)
     own[0].set_ylabel("ADD(-S) recall")
-    figure.legend(*own[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    shown = own[0].get_legend_handles_labels()
+    figure.legend(*shown, loc="outside lower center", ncols=len(panels) + 2)
     for name, recall, seconds, hardware in PUBLISHED:
         at = _UNKNOWN if seconds is None else seconds
         words = f"{name}, {hardware}" if seconds else f"{name}, {hardware}, time not stated"
@@ -166,7 +167,7 @@ def draw(rows: Sequence[Sequence[Any]], path: Path) -> None:
         other.annotate(
             words, (at, recall), (0, 6 if seconds else -13), textcoords="offset points", fontsize=7
         )
-    other.set(title="published, other data and machines", xscale="log", xlim=(0.4, 3000))
+    other.set(title="published: other data, machines", xscale="log", xlim=(0.4, 3000))
     other.set(xlabel="s an image", ylabel="BOP's AR, seven core sets")
     for axis in (*own, other):
         axis.set_ylim(0, 1.02)
