@@ -57,6 +57,13 @@ def test_an_expected_error_is_a_line_with_its_notes(
         raise error
 
 
+@pytest.mark.parametrize("torch", [None, "there"])  # without it, only what finds is installed
+def test_a_missing_library_is_a_line_where_it_was_left_out(torch, monkeypatch) -> None:
+    monkeypatch.setattr("hlp.commands.ending.find_spec", {"torch": torch}.get)
+    with pytest.raises(ModuleNotFoundError if torch else SystemExit), fails_in_one_line():
+        raise ModuleNotFoundError("no mlflow", name="mlflow")
+
+
 def test_a_line_of_an_error_is_as_long_as_can_be_read(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit), fails_in_one_line():
         raise InputError("it is " + "x" * 5_000_000 + ": leave it out")

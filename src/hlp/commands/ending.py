@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from types import FrameType
 from typing import NoReturn
 
@@ -63,7 +64,7 @@ def fails_in_one_line() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] == "hlp":
+        if find_spec("torch") or error.name is None or error.name.partition(".")[0] == "hlp":
             raise
         fail(MissingDependencyError(f"{error.name} is not installed. {EVERYTHING}"))
     except Exception as error:

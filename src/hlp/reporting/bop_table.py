@@ -43,17 +43,17 @@ _HEADER = ["set", "images", "AR", *map(str.upper, BOP_RECALLS), "AP", "AP mm", "
 def bop_table(results: Sequence[Result]) -> Table:
     """A row a set and task, the mean of each task over several sets, and published methods."""
     rows: list[list[str]] = []
-    devices = dict.fromkeys(str(result.config["machine"]["device"]) for result in results)
-    on = ", ".join(device.upper() for device in devices)
     for task in ("localization", "detection"):
-        found = {_set(r.config): _numbers(r) for r in results if _task(r.config) == task}
-        rows += [[name, *_cells(numbers), on] for name, numbers in found.items()]
+        own_task = [result for result in results if _task(result.config) == task]
+        found = {_set(result.config): _numbers(result) for result in own_task}
+        on = {_set(r.config): str(r.config["machine"]["device"]).upper() for r in own_task}
+        rows += [[name, *_cells(numbers), on[name]] for name, numbers in found.items()]
         averaged = [own for own in found.values() if {own["AR"], own["AP"]} != {None}]
         averaged = averaged or [*found.values()]
         if len(averaged) > 1:
             means = {name: _mean([own[name] for own in averaged]) for name in _NUMBERS}
             means["images"] = sum(own["images"] or 0 for own in averaged)
-            rows.append([f"mean, {task}", *_cells(means), on])
+            rows.append([f"mean, {task}", *_cells(means), ", ".join(sorted({*on.values()}))])
     for name, recall, seconds, hardware in PUBLISHED:
         numbers = dict.fromkeys(_NUMBERS) | {"AR": recall, "s": seconds}
         rows.append([name, *_cells(numbers), hardware])
