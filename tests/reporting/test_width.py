@@ -21,10 +21,11 @@ def whole_summary(names: Sequence[str] = tuple(ADD_BY_OBJECT)) -> dict[str, Any]
     written = scored(0.75, 1234.5, dict.fromkeys(names, 0.75))
     causes, votes = dict.fromkeys(("correct", *CAUSES), 20), quality(0.25, 1200.0)
     many = {"answers": 12345, "ece": 0.0123, "aurc": 0.0123}
+    alarms = {"alarms": 123, "searched": 12345, "rate": 0.0123}
     return {
         **written,
         "calibration": {**written["calibration"], **many},
-        "false_alarms": {"alarms": 123, "searched": 12345, "min_score": 0.55, "rate": 0.0123},
+        "false_alarms": {**written["false_alarms"], **alarms},
         "timing": {
             **written["timing"],
             "reused_stages": ["regions", "hypotheses", "poses"],

@@ -187,6 +187,6 @@ def _answers(results: Sequence[Result]) -> tuple[Values, Values]:
     for result in results:
         targets = [target.score for target in result.scores.values()]
         found += [(t.score, t.add_s_correct) for t in targets if t.found and np.isfinite(t.score)]
-        found += [(score, False) for score in result.summary["false_alarms"].get("scores", ())]
+        found += [(score, False) for score in result.summary["false_alarms"]["scores"]]
     table = np.array(sorted(found, reverse=True), dtype=np.float64).reshape(-1, 2)
     return table[:, 0], table[:, 1]

@@ -31,7 +31,7 @@ METRICS: dict[str, Callable[[TargetScore], bool]] = {
 """Name of each metric in `summary.json`, and the verdict of a score that it counts."""
 
 _WHOLE, _SHARE, _LONG = Annotated[int, Ge(0)], Share | None, NotNegative | None
-_COUNTS = by_name(_WHOLE)
+_COUNTS, _MANY = by_name(_WHOLE), several(Share)
 INTERVAL = record(recall=Share, ci95=several(float, 2))
 """A recall and its 95 % interval."""
 _STATED = record(
@@ -42,7 +42,7 @@ _STATED = record(
     calibration=record(
         answers=_WHOLE, ece=_SHARE, aurc=_SHARE, reliability=several(several(float, 3))
     ),
-    false_alarms=record(searched=_WHOLE, alarms=_WHOLE, min_score=Share, rate=_SHARE),
+    false_alarms=record(searched=_WHOLE, alarms=_WHOLE, min_score=Share, rate=_SHARE, scores=_MANY),
     timing=record(
         frames=_WHOLE,
         reused_stages=several(str),
