@@ -121,8 +121,8 @@ class BopSettings(FolderSettings):
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),
         )
 
-    def extent(self, most: int | None) -> tuple[int, int, int]:
-        """Numbers of objects and images (at most `most`), and of searches for one in an image.
+    def extent(self, most: int | None) -> tuple["BopFrames", tuple[int, int, int]]:
+        """Frames; numbers of objects, images (at most `most`), and searches for one in an image.
 
         No model or image is read. Raises as `build`.
         """
@@ -131,7 +131,8 @@ class BopSettings(FolderSettings):
         frames, ids = self._searched(root, given or None)
         kept = spread(list(frames.targets.values()), most)
         every = self.search == "all"
-        return len(ids), len(kept), sum(len(ids) if every else len(own) for own in kept)
+        searches = sum(len(ids) if every else len(own) for own in kept)
+        return frames, (len(ids), len(kept), searches)
 
     def _named(self, root: Path) -> Mapping[str, ObjectSettings]:
         """The objects that the settings name; none if they are those that are targets."""

@@ -33,7 +33,7 @@ from hlp.settings import read_settings
 from hlp.stages.executor_settings import ends_with
 
 if TYPE_CHECKING:
-    from hlp.studies.forecast import Extent
+    from hlp.studies import forecast
 
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
@@ -261,18 +261,19 @@ def _swept(config: DictConfig) -> dict[str, Override]:
     return {own.key_or_group: own for own in parsed if own.is_sweep_override()}
 
 
-def _extents(config: DictConfig, swept: Mapping[str, Override]) -> list["Extent"]:
-    """Root and `extent` of the data sets of a sweep over nothing else, as far as they are there."""
+def _extents(config: DictConfig, swept: Mapping[str, Override]) -> list["forecast.Extent"]:
+    """Those of the data sets of a sweep over nothing else, as far as they are there."""
     from hlp.data.bop import BopSettings
+    from hlp.studies.forecast import extent_of
 
-    found: list[Extent] = []
+    found: list[forecast.Extent] = []
     if [*swept] == ["data.root"] and config.data.name == "bop":
         for root in swept["data.root"].sweep_string_iterator():
             own = OmegaConf.merge(config, {"data": {"root": root}}).data
             values = cast(dict[str, Any], OmegaConf.to_container(own, resolve=True))
             with suppress(HlpError, FileNotFoundError):  # its run says what is wrong
-                extent = read_settings(BopSettings, values, "data").extent(config.frames)
-                found.append((values["root"], *extent))
+                settings = read_settings(BopSettings, values, "data")
+                found.append(extent_of(settings, config.frames))
     return found
 
 
