@@ -39,9 +39,10 @@ def test_one_command_ends_with_a_table_and_files_for_the_server(tmp_path):
     assert done.returncode == 0, done.stderr
     assert f"left out: there is no folder {sets / 'lmo'}" in done.stderr + done.stdout
     assert "Poses are found, not scored" in done.stdout  # ITODD's are private
-    before, *later = done.stdout.split("What is left, in hours and minutes, as ")[1:]
-    assert before.startswith("the demo on two cores: 58 s") and len(later) == 2
-    assert later[1].startswith("in 2 finished: ") and "\ntless" not in later[0]
+    before, *later = done.stdout.split("What is left, in hours and minutes: ")[1:]
+    assert before.startswith("58 s to learn an object, as the demo's") and len(later) == 2
+    assert "as in 2 finished" in later[1] and "\ntless" not in later[0]
+    assert done.stdout.index("searching 3 images of ") < done.stdout.index("What is left")
     assert re.search(r"\nall +6 +9 +\d+ +0:06 +0:00 +0.6 GB\n", before), before
     assert before.index("GB\n") < before.index("step 1 of 6")
     with (tmp_path / "out" / "bop.csv").open() as stream:
