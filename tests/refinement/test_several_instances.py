@@ -27,7 +27,8 @@ def find(row, poses, verification, count, **given):
         Hypotheses(poses, np.ones(len(poses))),
         seed=3,
         instances=count,
-        good_enough=given.get("good_enough"),
+        score=given.get("score"),
+        min_score=0.5,
     )
 
 
@@ -115,7 +116,7 @@ def test_only_a_search_without_known_number_is_kept_short(row, verification):
     """Of eight free hypotheses for the second instance, all are refined if it is known to exist."""
     poses = np.stack([row[0].pose, *(disturbed(row[1], 6.0, 6.0, seed=k) for k in range(8))])
     known = find(row, poses, verification, 2)
-    open_end = find(row, poses, verification, 2, good_enough=lambda _: True)
+    open_end = find(row, poses, verification, 2, score=lambda _: 1.0)
     assert known is not None and open_end is not None
     assert len(open_end.refined) < len(known.refined) == 9
 
@@ -126,7 +127,23 @@ def test_an_instance_that_is_not_good_enough_is_the_last(row, verification):
 
     def second_is_not(pose):
         asked.append(pose)
-        return len(asked) < 2
+        return float(len(asked) < 2)
 
-    found = find(row, poses, verification, 3, good_enough=second_is_not)
+    found = find(row, poses, verification, 3, score=second_is_not)
     assert found is not None and len(found.instances) == 2
+
+
+def test_a_further_instance_is_given_up_where_the_first_poses_are_hopeless(row, verification):
+    """Two more are refined then instead of four, after the two of the first instance."""
+    poses = np.stack([row[0].pose, *(disturbed(row[1], 6.0, 6.0, seed=k) for k in range(8))])
+
+    def score(pose, of_others):
+        return 1.0 if np.array_equal(pose, row[0].pose) else of_others
+
+    hopeless, doubtful = (
+        find(row, poses, verification, 2, score=lambda pose, s=s: score(pose, s))
+        for s in (0.05, 0.2)
+    )
+    assert hopeless is not None and doubtful is not None
+    assert (len(hopeless.refined), len(doubtful.refined)) == (4, 6)
+    assert len(hopeless.instances) == len(doubtful.instances) == 2

@@ -17,6 +17,7 @@ from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Evidence, Observation, Verifier
 
 _FURTHER = 4  # hypotheses refined for one more instance where their number is not known
+_HOPELESS = 0.1  # score of the best of the first ones of these, with which the others are left out
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 
@@ -56,7 +57,8 @@ def refine_and_choose(
     seed: int,
     instances: int = 1,
     unexplained: Observation | None = None,
-    good_enough: Callable[[Pose], bool] | None = None,
+    score: Callable[[Pose], float] | None = None,
+    min_score: float = 0.0,
     enter: Callable[[str], None] = lambda part: None,
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose those of lowest verification cost.
@@ -72,16 +74,22 @@ def refine_and_choose(
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
     `unexplained` is the observation without what other objects explain already (None: they explain
-    nothing). An instance whose pose is not `good_enough` is the last one. `enter` is called with
-    each part that begins: refine, verify or second_search.
+    nothing). With a `score` of poses the number of instances is not known: one below `min_score` is
+    the last, and a further one is given up early where the first poses are hopeless. `enter` is
+    called with each part that begins: refine, verify or second_search.
     """
     search = _InstanceSearch(refiner, verifier, observation, hypotheses, seed, unexplained, enter)
     most = verifier.settings.candidates
+
+    def is_hopeless(pose_cam_obj: Pose) -> bool:
+        return score is not None and score(pose_cam_obj) < min(_HOPELESS, min_score)
+
     for number in range(instances):
-        # Most searches for one more instance find none: they are kept short.
-        tried = min(most, _FURTHER) if number > 0 and good_enough is not None else most
-        chosen = search.choose_next(tried)
-        if chosen is None or (good_enough is not None and not good_enough(chosen)):
+        if number > 0 and score is not None:  # most such searches find none: they are kept short
+            chosen = search.choose_next(min(most, _FURTHER), is_hopeless)
+        else:
+            chosen = search.choose_next(most)
+        if chosen is None or (score is not None and score(chosen) < min_score):
             break
     return search.result()
 
@@ -124,13 +132,15 @@ class _InstanceSearch:
         chosen = tuple(self._instances)
         return RefinedHypotheses(self._refined, self._costs, sources, seeds, chosen)
 
-    def choose_next(self, candidates: int) -> Pose | None:
+    def choose_next(
+        self, candidates: int, is_hopeless: Callable[[Pose], bool] = lambda pose: False
+    ) -> Pose | None:
         """Refine what may be the next instance, choose one, search again about it; None if none."""
         if self._instances:
             before = self.observation if self.unexplained is None else self.unexplained
             last = self._refined[self._instances[-1]].pose_cam_obj
             self.unexplained = self.verifier.without_explained(before, last)
-        self._refine(candidates)
+        self._refine(candidates, is_hopeless)
         added = np.full(len(self._refined) - len(self._costs), np.inf)
         self._costs = np.append(self._costs, added)
         rows = self._free_refined()
@@ -143,19 +153,22 @@ class _InstanceSearch:
             pose = choose_by_texture(self.observation, self._model, refined.pose_cam_obj)
             self._refined[row] = replace(refined, pose_cam_obj=pose)
             self._costs[rows] = self._competing_costs(rows)
-        self._search_again(row, rows)
+        if not is_hopeless(self._refined[row].pose_cam_obj):
+            self._search_again(row, rows)
         self._instances.append(row)
         return self._refined[row].pose_cam_obj
 
-    def _refine(self, candidates: int) -> None:
-        """Refine free hypotheses in order of cost until the next one is hopeless."""
+    def _refine(self, candidates: int, is_hopeless: Callable[[Pose], bool]) -> None:
+        """Refine free hypotheses in order of cost until the next one, or the best, is hopeless."""
         coarse_costs = self.verifier.weigh(self._evidence)
         free = self._is_free(self._poses[self._order], self._evidence)
         free &= ~np.isin(self._order, self._sources)
         order, coarse_costs = self._order[free][:candidates], coarse_costs[free]
-        lowest = self._lowest_cost(self._refined_poses(self._free_refined()))
+        lowest, best = self._lowest_cost(self._refined_poses(self._free_refined()))
         for start in range(0, len(order), _BATCH):
             if coarse_costs[start] - self.verifier.settings.max_improvement > lowest:
+                break
+            if start > 0 and best is not None and is_hopeless(best):
                 break
             rows = order[start : start + _BATCH]
             batch = Hypotheses(self._poses[rows], self._support[rows])
@@ -170,7 +183,7 @@ class _InstanceSearch:
             self._sources += rows.tolist()
             self._seeds += [(batch_seed, number) for number in range(len(rows))]
             poses = np.stack([refinement.pose_cam_obj for refinement in found])
-            lowest = min(lowest, self._lowest_cost(poses))
+            lowest, best = min((lowest, best), self._lowest_cost(poses), key=lambda each: each[0])
 
     def _search_again(self, row: int, rows: Rows) -> None:
         """Search again about the chosen one of the free `rows`; what fits less well is dropped.
@@ -189,9 +202,12 @@ class _InstanceSearch:
         else:
             self._costs[row] = cost
 
-    def _lowest_cost(self, poses_cam_obj: Poses) -> float:
+    def _lowest_cost(self, poses_cam_obj: Poses) -> tuple[float, Pose | None]:
+        """The lowest cost of these poses, infinite without any, and which pose has it."""
         costs = self.verifier.costs(self.observation, poses_cam_obj)
-        return float(costs.min(initial=np.inf))
+        if len(costs) == 0:
+            return np.inf, None
+        return float(costs.min()), poses_cam_obj[np.argmin(costs)]
 
     def _competing_costs(self, rows: Rows) -> Values:
         support = self._support[np.array(self._sources)[rows]]

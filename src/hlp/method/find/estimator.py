@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 
@@ -248,9 +248,6 @@ class PoseEstimator:
             return None
         context.observer("screen")
 
-        def good_enough(pose_cam_obj: Pose) -> bool:
-            return self.score(context, object_id, pose_cam_obj) >= (min_score or 0.0)
-
         return refine_and_choose(
             self._refiner,
             self.verifier(object_id),
@@ -259,7 +256,8 @@ class PoseEstimator:
             self._seed(context.frame, object_id),
             instances,
             unexplained,
-            None if min_score is None else good_enough,
+            None if min_score is None else partial(self.score, context, object_id),
+            min_score or 0.0,
             context.observer,
         )
 
