@@ -26,6 +26,7 @@ _PIXELS = 200  # of a template, whose depth is compared
 _HYPOTHESES, _FURTHER, _IN_A_CELL = 60, 15, 4  # coarse poses; for each further instance; of 16 px
 _SAMPLED, _SAMPLES = 0.05, 5000  # of the diameter: distance of PPF's points; of a mesh, for ICP
 _STEP = 2  # px between the points of the scene
+_REFERENCES = 1 / 5, 2000  # of the scene's points: PPF's reference points, and at most so many
 _NEARER, _FARTHER = 0.8, 1.2  # than the recording's distances: PPF's points
 _REFINED, _APART = 5, 0.3  # PPF's poses for each instance; of the diameter, between instances
 
@@ -145,7 +146,8 @@ class Ppf:
         """The poses with most votes among the points (n, 6) of a scene."""
         # Distances of the scene are parts of its extents.
         apart = _SAMPLED * self.model.diameter / float(np.ptp(scene[:, :3], axis=0).max())
-        found = self.detector.match(self._thinned(scene), 1 / 5, apart)
+        thinned, (share, most) = self._thinned(scene), _REFERENCES
+        found = self.detector.match(thinned, min(share, most / len(thinned)), apart)
         found = sorted(found, key=lambda each: -each.numVotes)
         found = found[: _HYPOTHESES + _FURTHER * (instances - 1)]
         poses = np.array([each.pose for each in found]).reshape(-1, 4, 4)
