@@ -78,18 +78,12 @@ def refine_and_choose(
     the last, and a further one is given up early where the first poses are hopeless. `enter` is
     called with each part that begins: refine, verify or second_search.
     """
-    search = _InstanceSearch(refiner, verifier, observation, hypotheses, seed, unexplained, enter)
-    most = verifier.settings.candidates
-
-    def is_hopeless(pose_cam_obj: Pose) -> bool:
-        return score is not None and score(pose_cam_obj) < min(_HOPELESS, min_score)
-
-    for number in range(instances):
-        if number > 0 and score is not None:  # most such searches find none: they are kept short
-            chosen = search.choose_next(min(most, _FURTHER), is_hopeless)
-        else:
-            chosen = search.choose_next(most)
-        if chosen is None or (score is not None and score(chosen) < min_score):
+    search = _InstanceSearch(
+        refiner, verifier, observation, hypotheses, seed, unexplained, score, min_score, enter
+    )
+    for _ in range(instances):
+        chosen = search.choose_next()
+        if chosen is None or search.scores_below(chosen, min_score):
             break
     return search.result()
 
@@ -104,6 +98,8 @@ class _InstanceSearch:
     hypotheses: Hypotheses
     seed: int
     unexplained: Observation | None
+    score: Callable[[Pose], float] | None
+    min_score: float
     enter: Callable[[str], None]
 
     def __post_init__(self) -> None:
@@ -132,15 +128,22 @@ class _InstanceSearch:
         chosen = tuple(self._instances)
         return RefinedHypotheses(self._refined, self._costs, sources, seeds, chosen)
 
-    def choose_next(
-        self, candidates: int, is_hopeless: Callable[[Pose], bool] = lambda pose: False
-    ) -> Pose | None:
+    def scores_below(self, pose_cam_obj: Pose, limit: float) -> bool:
+        """Whether poses are scored, and this one lower."""
+        return self.score is not None and self.score(pose_cam_obj) < limit
+
+    def _is_hopeless(self, pose_cam_obj: Pose) -> bool:
+        """Whether a pose shows that there is no further instance; the first one is looked for."""
+        limit = min(_HOPELESS, self.min_score)
+        return bool(self._instances) and self.scores_below(pose_cam_obj, limit)
+
+    def choose_next(self) -> Pose | None:
         """Refine what may be the next instance, choose one, search again about it; None if none."""
         if self._instances:
             before = self.observation if self.unexplained is None else self.unexplained
             last = self._refined[self._instances[-1]].pose_cam_obj
             self.unexplained = self.verifier.without_explained(before, last)
-        self._refine(candidates, is_hopeless)
+        self._refine()
         added = np.full(len(self._refined) - len(self._costs), np.inf)
         self._costs = np.append(self._costs, added)
         rows = self._free_refined()
@@ -153,13 +156,16 @@ class _InstanceSearch:
             pose = choose_by_texture(self.observation, self._model, refined.pose_cam_obj)
             self._refined[row] = replace(refined, pose_cam_obj=pose)
             self._costs[rows] = self._competing_costs(rows)
-        if not is_hopeless(self._refined[row].pose_cam_obj):
+        if not self._is_hopeless(self._refined[row].pose_cam_obj):
             self._search_again(row, rows)
         self._instances.append(row)
         return self._refined[row].pose_cam_obj
 
-    def _refine(self, candidates: int, is_hopeless: Callable[[Pose], bool]) -> None:
+    def _refine(self) -> None:
         """Refine free hypotheses in order of cost until the next one, or the best, is hopeless."""
+        candidates = self.verifier.settings.candidates
+        if self._instances and self.score is not None:
+            candidates = min(candidates, _FURTHER)  # most such searches find none
         coarse_costs = self.verifier.weigh(self._evidence)
         free = self._is_free(self._poses[self._order], self._evidence)
         free &= ~np.isin(self._order, self._sources)
@@ -168,7 +174,7 @@ class _InstanceSearch:
         for start in range(0, len(order), _BATCH):
             if coarse_costs[start] - self.verifier.settings.max_improvement > lowest:
                 break
-            if start > 0 and best is not None and is_hopeless(best):
+            if start > 0 and best is not None and self._is_hopeless(best):
                 break
             rows = order[start : start + _BATCH]
             batch = Hypotheses(self._poses[rows], self._support[rows])
