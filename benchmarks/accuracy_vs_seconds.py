@@ -135,6 +135,8 @@ def rows_of(recording: str, given: argparse.Namespace) -> list[tuple[Any, ...]]:
     finds |= others(stages, frames, given.views)
     rows = []
     for name, find in finds.items():
+        if given.leave_out and name.startswith(given.leave_out):
+            continue
         numbers = measured(find, frames, run.dataset.models, run.settings.evaluation)
         rows.append((recording, name, *numbers))
         print(*rows[-1], flush=True)
@@ -186,6 +188,7 @@ def main() -> None:
     parser.add_argument("--work", type=Path, required=True, help="as work= of hlp run")
     parser.add_argument("--recordings", nargs="+", default=["board", "parts", "boxes"])
     parser.add_argument("--views", type=int, default=90, help="viewpoints of LINEMOD's templates")
+    parser.add_argument("--leave-out", help="methods that begin so, as PPF: the slowest")
     parser.add_argument("--output", type=Path, default=Path("accuracy"))
     parser.add_argument("overrides", nargs="*", help="of the configuration, as frames=40")
     given = parser.parse_intermixed_args()

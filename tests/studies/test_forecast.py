@@ -37,7 +37,7 @@ def test_counts_hours_and_disk_are_said_before_and_after_runs(tmp_path, caplog, 
     extents = json.loads(json.dumps([(lmo, (8, 200, 1000), 0.25), (itodd, (28, 721, 3000), 0.5)]))
     folder, work = tmp_path / "out", tmp_path / "work"
     say_forecast(extents, folder, work)
-    assert "58 s to learn an object, as the demo's on two cores; searches by three" in caplog.text
+    assert "58 s to learn an object, as the demo's on two cores; searches as timed" in caplog.text
     lines = [line.split() for line in caplog.text.splitlines()]
     assert ["lmo", "8", "200", "1,000", "0:08", "0:04", "0.8", "GB"] in lines
     assert ["all", "36", "921", "4,000", "0:35", "0:29", "3.6", "GB"] in lines
@@ -55,7 +55,7 @@ def test_counts_hours_and_disk_are_said_before_and_after_runs(tmp_path, caplog, 
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 10_000))
     say_forecast(extents, folder, work)
-    assert "20 s to learn an object, as in 1 finished; searches by three" in caplog.text
+    assert "20 s to learn an object, as in 1 finished; searches as timed" in caplog.text
     assert "of each set, × 2 as in what is finished." in caplog.text
     lines = [line.split() for line in caplog.text.splitlines()]
     assert ["all", "28", "721", "3,000", "0:09", "0:50", "0.0", "GB"] in lines

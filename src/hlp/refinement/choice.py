@@ -17,7 +17,7 @@ from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Evidence, Observation, Verifier
 
 _FURTHER = 4  # hypotheses refined for one more instance where their number is not known
-_HOPELESS = 0.1  # score of the best of the first ones of these, with which the others are left out
+_HOPELESS = 0.1  # if the best of the first two of these scores less, the others are left out
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 

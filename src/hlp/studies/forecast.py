@@ -44,15 +44,15 @@ def extent_of(settings: BopSettings, most: int | None) -> Extent:
     frames, counts = settings.extent(most)
     say = logging.getLogger(__name__).info
     say("searching %d images of %s, to tell how long it will take", _IMAGES, settings.root)
-    detector, times = Detector.load(shipped_folder(EXAMPLE) / "learnt"), [0.0]
+    detector, times = Detector.load(shipped_folder(EXAMPLE) / "learnt"), list[float]()
     keys = spread(frames.keys, _IMAGES)
-    for key in (*keys[:1], *keys):  # the first one once more: kernels are compiled
+    for key in (*keys[:1], *keys):  # the first search, which compiles kernels, does not count
         with suppress(HlpError):  # the image's run says what is wrong
             frame = frames.load(key)
             begun = time.perf_counter()
             detector.detect(frame.rgb, frame.depth, frame.camera_matrix, max_instances=1)
             times.append(time.perf_counter() - begun)
-    return Extent(str(settings.root), counts, float(np.median(times[-_IMAGES:])))
+    return Extent(settings.root, counts, float(np.median(times[1:] or [0.0])))
 
 
 def say_forecast(extents: Sequence[Extent], folder: Path, work: Path) -> None:
@@ -80,8 +80,8 @@ def say_forecast(extents: Sequence[Extent], folder: Path, work: Path) -> None:
         rows.append([name, *(f"{count:,.0f}" for count in own[:3]), *hours, f"{own[5]:.1f} GB"])
     logger = logging.getLogger(__name__)
     logger.info(
-        "What is left, in hours and minutes: %.3g s to learn an object, as %s; searches by three "
-        "images\nof each set%s. What is in %s already takes no time.\n\n%s\n",
+        "What is left, in hours and minutes: %.3g s to learn an object, as %s; searches as timed "
+        "in\nthree images of each set%s. What is in %s already takes no time.\n\n%s\n",
         learning,
         f"in {len(done)} finished" if done else "the demo's on two cores",
         f", × {slower:.2g} as in what is finished" if done else ", for an object that is not there",

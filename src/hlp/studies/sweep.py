@@ -262,7 +262,7 @@ def _swept(config: DictConfig) -> dict[str, Override]:
 
 
 def _extents(config: DictConfig, swept: Mapping[str, Override]) -> list["forecast.Extent"]:
-    """Those of the data sets of a sweep over nothing else, as far as they are there."""
+    """`extent_of` each data set that is there, of a sweep over `data.root` alone; else none."""
     from hlp.data.bop import BopSettings
     from hlp.studies.forecast import extent_of
 
