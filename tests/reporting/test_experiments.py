@@ -10,7 +10,7 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import build_settings
-from hlp.reporting.experiments import describe_reports, write_reports
+from hlp.reporting.experiments import describe_reports, reports_of, write_reports
 from hlp.reporting.paper_reports import (
     TABLES,
     TRENDS,
@@ -218,3 +218,14 @@ def test_a_step_whose_predecessor_was_not_run_stands_alone(tmp_path: Path) -> No
     *_, table, _, figures = write_reports(ladder(tmp_path / "sweep", ("literal", "best")))
     assert [row["against"] for row in csv_rows(table)] == ["–", "–"]
     assert [row["gain"] for row in csv_rows(figures)] == ["", ""]
+
+
+def test_a_line_leads_to_each_recall_from_the_step_that_it_starts_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(BEFORE, "best", "literal")  # a branch, beside that of `modes`
+    (report,) = reports_of(ladder(tmp_path / "sweep"))
+    assert report.figure is not None
+    lines = [line for line in report.figure.axes[0].lines if line.get_color() == "0.6"]
+    ends = [(*np.ravel(line.get_xdata()), *np.ravel(line.get_ydata())) for line in lines]
+    assert ends == [(0.25, 0.75, 0, 1), (0.25, 0.75, 0, 2)]

@@ -163,19 +163,28 @@ def _ladder(runs: Mapping[str, Result], found: Sweep) -> Report:
     header = ["step", "change", *of_figures, f"visible_below_{WELL_VISIBLE:g}"]
     header += ["from", "gain", "gain_low", "gain_high"]
     notes, wide = [*_made_by(found), _LADDER_NOTE], ["change", *shown[1:5], "load"]
-    figure = _draw_ladder([row[1] for row in rows], list(runs.values()), gains)
+    figure = _draw_ladder(runs, gains)
     return Report(LADDER, table, notes, figure, Table(header, figures), wide)
 
 
-def _draw_ladder(
-    rows: Sequence[str], results: Sequence[Result], gains: Sequence[Bar | None]
-) -> "Figure":
-    """A row a step in words, the first at the top: recall on the left, the gain on the right."""
-    recalls = [recall_bar(result.add) for result in results]
-    panels = [Panel("ADD(-S) recall, 95 % interval", {"": recalls}, recall=True)]
+def _draw_ladder(runs: Mapping[str, Result], gains: Sequence[Bar | None]) -> "Figure":
+    """A row a step in words, the first at the top: recall on the left, the gain on the right.
+
+    A line leads to each recall from that of the step that it starts from, so branches are seen.
+    """
+    recalls = {name: recall_bar(result.add) for name, result in runs.items()}
+    panels = [Panel("ADD(-S) recall, 95 % interval", {"": [*recalls.values()]}, recall=True)]
     if any(gains):
         panels.append(Panel("gained against the step that it starts from", {"": gains}))
-    return draw_bars(rows, panels, paper.measured_on(results[0]))
+    changes = [result.config["step"]["change"] or "" for result in runs.values()]
+    figure = draw_bars(changes, panels, paper.measured_on(next(iter(runs.values()))))
+    rows = {name: row for row, name in enumerate(runs)}
+    for name, result in runs.items():
+        before = result.config["step"]["before"]
+        if before in runs:
+            ends = [recalls[step].value for step in (before, name)], [rows[before], rows[name]]
+            figure.axes[0].plot(*ends, color="0.6", linewidth=0.9, zorder=0)
+    return figure
 
 
 def _recordings(results: Sequence[Result], found: Sweep) -> Report:
