@@ -54,15 +54,15 @@ def test_the_fault_that_hides_the_object_is_named(frames, plant, kind, words):
 
 
 def test_an_object_that_is_found_or_absent_has_no_finding(frames):
-    assert check_by_search(frames[:1], 0.95, finder(frames[0])) == []
-    assert check_by_search(frames[:1], 0.02, lambda _: 0.02) == []
-    assert check_by_search([], 0.0, lambda _: 0.9) == []
+    assert check_by_search(frames[:1], 0.95, finder(frames[0]), None) == []
+    assert check_by_search(frames[:1], 0.02, lambda _: 0.02, None) == []
+    assert check_by_search([], 0.0, lambda _: 0.9, None) == []
 
 
 def test_where_an_object_is_found_only_colours_are_tried(frames):
     """The other searches take seconds each, and could not bring enough."""
     searched = []
-    check_by_search(frames[:1], 0.65, lambda frame: searched.append(frame) or 0.0)
+    check_by_search(frames[:1], 0.65, lambda frame: searched.append(frame) or 0.0, None)
     assert len(searched) == 1
 
 
@@ -70,8 +70,8 @@ def test_the_only_frame_must_show_it_more_clearly(frames):
     def find_best(frame):
         return 0.85 if frame.camera_matrix[0, 0] > frames[0].camera_matrix[0, 0] else 0.05
 
-    assert check_by_search(frames[:1], 0.05, find_best) == []
-    assert len(check_by_search([frames[0], frames[0]], 0.05, find_best)) == 1
+    assert check_by_search(frames[:1], 0.05, find_best, None) == []
+    assert len(check_by_search([frames[0], frames[0]], 0.05, find_best, None)) == 1
 
 
 @pytest.mark.parametrize("fault", [lambda f: with_matrix(f, 0.5), exchanged])
@@ -79,8 +79,8 @@ def test_the_change_must_find_objects_in_the_next_frame_too(frames, fault):
     """In the first frame something looks like the object after a change, in the second nothing."""
     planted, find_best = fault(frames[0]), finder(frames[0])
     other = with_depth(planted, 3)
-    assert len(check_by_search([planted, planted, other], 0.05, find_best)) == 1
-    assert check_by_search([planted, other], 0.05, find_best) == []
+    assert len(check_by_search([planted, planted, other], 0.05, find_best, None)) == 1
+    assert check_by_search([planted, other], 0.05, find_best, None) == []
 
 
 def answer(name, pose, cost=0.2, score=0.95, agreement=0.9):

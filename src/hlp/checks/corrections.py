@@ -12,7 +12,7 @@ import numpy as np
 from hlp.arrays import Point, Pose
 from hlp.checks import Finding
 from hlp.checks.registration import Registration
-from hlp.geometry import transform
+from hlp.geometry import rigid, transform
 from hlp.records import Frame
 
 UNITS = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
@@ -53,9 +53,7 @@ class Correction:
         """A pose of which the object's centroid is where the corrected frame shows it."""
         seen = transform(pose_cam_obj, centroid[None])[0]
         moved = seen * self.depth * np.array([1.0 / self.focal, 1.0 / self.focal, 1.0])
-        corrected = pose_cam_obj.copy()
-        corrected[:3, 3] += moved - seen
-        return corrected
+        return rigid(pose_cam_obj[:3, :3], pose_cam_obj[:3, 3] + (moved - seen))
 
     def finding(self, where: str, because: str, unit: float | None = None) -> Finding:
         """The fault; `because` says what is better without it. Depth was read in `unit` mm."""
@@ -93,11 +91,8 @@ def check_gains(frames: Sequence[Mapping[Correction, float]]) -> list[Finding]:
     `frames` are how much less known objects cost in each after each correction, and how much better
     their colours agree with red and blue exchanged.
     """
-    gains = {
-        correction: gain
-        for correction in dict.fromkeys(each for gains in frames for each in gains)
-        if (gain := _certain_gain(correction, [gains.get(correction) for gains in frames]))
-    }
+    tried = dict.fromkeys(each for gains in frames for each in gains)
+    gains = {each: gain for each in tried if (gain := _certain_gain(each, frames))}
     best = max(gains, key=lambda each: (each.exchanged, gains[each]), default=None)
     if best is None:
         return []
@@ -108,14 +103,14 @@ def check_gains(frames: Sequence[Mapping[Correction, float]]) -> list[Finding]:
     return [best.finding(where, because)]
 
 
-def _certain_gain(correction: Correction, gains: Sequence[float | None]) -> float | None:
-    """The median of the frames that say something, if they say enough; None otherwise."""
+def _certain_gain(correction: Correction, frames: Sequence[Mapping[Correction, float]]) -> float:
+    """The median of the frames that say something, if they say enough; 0 otherwise."""
     clear, alone = (_COLORS, _COLORS_ALONE) if correction.exchanged else (_COST, _COST_ALONE)
-    known = [gain for gain in gains if gain is not None]
-    if not known or len(known) < min(len(gains), 2):
-        return None
+    known = [gains[correction] for gains in frames if correction in gains]
     median = float(np.median(known))
     if len(known) < _ENOUGH:
-        return median if min(known) >= alone else None
-    agreeing = sum(gain > 0.0 for gain in known) >= _SHARE * len(known)
-    return median if agreeing and median >= clear else None
+        certain = min(known) >= alone and len(known) >= min(len(frames), 2)
+    else:
+        agreeing = sum(gain > 0.0 for gain in known)
+        certain = median >= clear and agreeing >= _SHARE * len(known)
+    return median if certain else 0.0

@@ -41,12 +41,12 @@ def read_frames(
             wrong.setdefault(kind, []).append(Finding(kind, key, str(error), _ADVICE[kind]))
         if frame is not None and number % every == 0:
             frames.append(frame)
+    shown = list[Finding]()
     for findings in wrong.values():
+        shown += findings[:_SHOWN]
         if left := len(findings[_SHOWN:]):
-            last = findings[_SHOWN - 1]
-            where = f"{last.where} (and {left} more frames)"
-            findings[_SHOWN - 1 :] = [replace(last, where=where)]
-    return frames, [finding for findings in wrong.values() for finding in findings]
+            shown[-1] = replace(shown[-1], where=f"{shown[-1].where} (and {left} more frames)")
+    return frames, shown
 
 
 def check_frames(frames: Sequence[Frame], models: Sequence[ObjectModel]) -> list[Finding]:
@@ -76,14 +76,10 @@ def check_intrinsics(frame: Frame) -> list[Finding]:
     found = list[tuple[str, str]]()
     off = np.abs(matrix[:2, 2] - [(width - 1) / 2, (height - 1) / 2]) / [width, height]
     if off.max() > _OFF_CENTER:
-        found.append(
-            (
-                f"the principal point ({x:.0f}, {y:.0f}) is far from their middle",
-                "They belong to images of another size or to a crop: take those of this stream",
-            )
-        )
-    low, high = _FOCAL[0] * width, _FOCAL[1] * width
-    if not (low <= fx <= high and low <= fy <= high):
+        problem = f"the principal point ({x:.0f}, {y:.0f}) is far from their middle"
+        advice = "They belong to images of another size or to a crop: take those of this stream"
+        found.append((problem, advice))
+    if not all(_FOCAL[0] * width <= focal <= _FOCAL[1] * width for focal in (fx, fy)):
         problem = f"focal lengths of {fx:.0f} and {fy:.0f} px are those of no depth camera"
         found.append((problem, "Give fx and fy in pixels, not in millimetres"))
     elif max(fx / fy, fy / fx) > _RATIO:
@@ -101,8 +97,7 @@ def check_depth_scale(frame: Frame, models: Sequence[ObjectModel]) -> list[Findi
     median, near, far = (float(np.percentile(present, share)) for share in (50, 10, 90))
     focal = float(frame.camera_matrix[0, 0])
     diameters = [model.diameter for model in models]
-    if models and focal * max(diameters) / near < _SMALLEST:
-        size = focal * max(diameters) / near
+    if models and (size := focal * max(diameters) / near) < _SMALLEST:
         problem = f"{models[0].name} would be {size:.0f} px large at most"
     elif models and focal * min(diameters) / far > _LARGEST * frame.depth.shape[1]:
         problem = f"{models[0].name} would be larger than the image"
@@ -110,14 +105,9 @@ def check_depth_scale(frame: Frame, models: Sequence[ObjectModel]) -> list[Findi
         problem = "few depth cameras measure that"
     else:
         return []
-    return [
-        Finding(
-            "depth scale",
-            "depth images",
-            f"half of the depth is nearer than {median:.3g} m: {problem}",
-            "Give depth_scale, in millimetres per unit of the depth images",
-        )
-    ]
+    problem = f"half of the depth is nearer than {median:.3g} m: {problem}"
+    advice = "Give depth_scale, in millimetres per unit of the depth images"
+    return [Finding("depth scale", "depth images", problem, advice)]
 
 
 def check_object_size(models: Sequence[ObjectModel]) -> list[Finding]:

@@ -25,9 +25,6 @@ from hlp.refinement.score_model import MIN_SCORE
 from hlp.refinement.texture import color_agreement
 from hlp.refinement.verification import VerificationSettings, observe
 
-FindBest = Callable[[Frame], float]
-"""The highest score of any learnt object in a frame."""
-
 _CERTAIN = 0.8  # score of the answer, or of that after the correction; absent objects seldom reach
 _CERTAIN_ALONE = 0.9  # the same for a correction where there is no second frame
 _FOUND = 0.6  # a score that needs no explanation
@@ -81,13 +78,12 @@ def exchange_gain(
     """
     stated = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
     exchanged = replace(stated, rgb=EXCHANGED.frame(frame).rgb)
-    gains = [
-        color_agreement(exchanged, model, pose).correlation
-        - color_agreement(stated, model, pose).correlation
-        for model, pose in placed
-        if model.mesh.colored
-    ]
-    return {EXCHANGED: float(np.mean(gains))} if gains else {}
+    colored = [(model, pose) for model, pose in placed if model.mesh.colored]
+    before, after = (
+        [color_agreement(seen, *each).correlation for each in colored]
+        for seen in (stated, exchanged)
+    )
+    return {EXCHANGED: float(np.mean(np.subtract(after, before)))} if colored else {}
 
 
 def all_answers(found: SearchResult | TrackingResult) -> list[Detection]:
@@ -107,20 +103,20 @@ def find_answers(
     if check_depth_scale(frame, [detector.models[name] for name in objects]):
         return []  # objects of no size that could be found, and slow to look for
     images, mask = (frame.rgb, frame.depth, frame.camera_matrix), masks.get(frame.key)
-    try:
+    with suppress(InputError):
         return all_answers(detector.search(*images, objects, 1, 0.0, mask))
-    except InputError:
-        return []
+    return []
 
 
 def check_by_search(
-    frames: Sequence[Frame], stated: float, find_best: FindBest, unit: float | None = None
+    frames: Sequence[Frame], stated: float, find_best: Callable[[Frame], float], unit: float | None
 ) -> list[Finding]:
     """The fault that keeps objects from being found in the first of some frames.
 
-    `stated` is the best score there, `unit` how many mm a unit of depth was taken for. Objects must
-    then be found in one of the two next frames too, and more certainly if there is none: something
-    may look like an absent object after some correction. It takes 20 to 40 searches.
+    `stated` is the best score there, `find_best` gives that of any learnt object in a frame, `unit`
+    is how many mm a unit of depth was taken for. Objects must then be found in one of the two next
+    frames too, and more certainly if there is none: something may look like an absent object after
+    some correction. It takes 20 to 40 searches.
     """
     if not frames:
         return []
@@ -161,15 +157,13 @@ def check_with_objects(
     found = [answer for each in answers for answer in each]
     scores = {name: _best(a for a in found if a.object == name) for name in detector.objects}
     sought = sorted(scores, key=lambda name: -scores[name])[:_SOUGHT]
-    order = np.argsort([_best(each) for each in answers])[::-1]
-
-    def find_best(frame: Frame) -> float:
-        return _best(find_answers(detector, sought, masks, frame))
-
-    likely = [frames[place] for place in order]
-    findings = check_by_search(likely, _best(answers[order[0]]), find_best, unit) or check_gains(
-        [known_gains(detector, *each) for each in zip(frames, answers, strict=True)]
+    best = [_best(each) for each in answers]
+    likely = [frames[place] for place in np.argsort(best)[::-1]]
+    findings = check_by_search(
+        likely, max(best), lambda frame: _best(find_answers(detector, sought, masks, frame)), unit
     )
+    both = zip(frames, answers, strict=True)
+    findings = findings or check_gains([known_gains(detector, *each) for each in both])
     absent = [name for name in scores if scores[name] < MIN_SCORE]
     if findings or not absent:
         return findings

@@ -1,6 +1,6 @@
 """Where a depth image lies in the colour image, by the edges of both."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -11,8 +11,6 @@ from hlp.arrays import Image, Mask, Rgb
 from hlp.checks import Finding
 from hlp.records import Frame
 
-_SCALES, _TURNS = tuple(1.06**step for step in range(-9, 10)), (-3.0, 0.0, 3.0)  # degrees
-_FINER = tuple(1.015**step for step in range(-3, 4)), (-1.0, 0.0, 1.0)
 _REACH = 80  # px: shifts that are tried in both directions
 _MOST = 3  # frames
 _CELL = 2  # px of these shifts
@@ -56,8 +54,7 @@ class Registration:
         """The key that states a depth camera which sees this, at the colour camera's place."""
         (fx, _, cx), (_, fy, cy) = frame.camera_matrix[:2]
         motion = cv2.invertAffineTransform(self.motion(frame.depth.shape[::-1]))
-        x, y = motion @ [cx, cy, 1.0]
-        numbers = (fx / self.scale, fy / self.scale, x, y)
+        numbers = (fx / self.scale, fy / self.scale, *(motion @ [cx, cy, 1.0]))
         return f"depth_intrinsics=[{','.join(f'{value:.1f}' for value in numbers)}]"
 
     def finding(self, frame: Frame, because: str = "") -> Finding:
@@ -70,12 +67,16 @@ class Registration:
         return Finding("registration", "depth images", f"{problem}{because}", advice)
 
     def __str__(self) -> str:
-        parts = [f"moved by ({self.right}, {self.down}) px"]
-        if self.turn:
-            parts.insert(0, f"turned by {self.turn:g}°")
-        if self.scale != 1.0:
-            parts.insert(0, f"made {self.scale:.2f} times as large")
-        return " and ".join(parts)
+        size = "" if self.scale == 1.0 else f"made {self.scale:.2f} times as large and "
+        turn = f"turned by {self.turn:g}° and " if self.turn else ""
+        return f"{size}{turn}moved by ({self.right}, {self.down}) px"
+
+
+_OWN = Registration()
+_COARSE = [Registration(1.06**step, turn) for step in range(-9, 10) for turn in (-3.0, 0.0, 3.0)]
+_FINER = [Registration(1.015**step, turn) for step in range(-3, 4) for turn in (-1.0, 0.0, 1.0)]
+_Agreement = Callable[[Registration], Image]
+"""Strength of colour edges under the depth edges of a frame, for every shift (cells) of a place."""
 
 
 def check_registration(frames: Sequence[Frame], whole: bool = False) -> list[Finding]:
@@ -91,81 +92,55 @@ def find_registration(
 
     Only shifts of 6 to 16 px are tried, or the `whole` of offsets, scales and turns: 0.7 s a frame.
     """
-    edges = [known for frame in frames[:_MOST] if (known := _Edges.of(frame)) is not None]
+    edges = [known for frame in frames[:_MOST] if (known := _agreement(frame)) is not None]
     if not edges:
         return None
     if not whole:
-        return _best_place(edges, (1.0,), (0.0,), 16, clear)
-    found = _best_place(edges, _SCALES, _TURNS, _REACH, clear)
+        return _best_place(edges, [_OWN], 16, clear)
+    found = _best_place(edges, _COARSE, _REACH, clear)
     if found is None:
         return None
-    scales = [found.scale * scale for scale in _FINER[0]]
-    return (
-        _best_place(edges, scales, [found.turn + turn for turn in _FINER[1]], _REACH, clear)
-        or found
-    )
+    finer = [Registration(found.scale * each.scale, found.turn + each.turn) for each in _FINER]
+    return _best_place(edges, finer, _REACH, clear) or found
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """A frame's edges along each axis: those of depth as pixels, those of colour as a spectrum.
+def _agreement(frame: Frame) -> _Agreement | None:
+    """What measures places of a frame's depth; None if there are few edges in it.
 
     Edges of one direction are compared with each other.
     """
+    marked = _depth_edges(frame.depth), _depth_edges(frame.depth.T).T
+    pixels = [np.argwhere(edges)[:, ::-1].astype(np.float64) for edges in marked]
+    if sum(map(len, pixels)) < _ENOUGH:
+        return None
+    colors = _color_edges(frame.rgb)
+    padded = [cv2.getOptimalDFTSize(2 * length) for length in colors[0].shape]
+    spectra = [np.fft.rfft2(edges - edges.mean(), padded) for edges in colors]
+    frame_spectrum = np.fft.rfft2(np.ones_like(colors[0]), padded)
 
-    pixels: tuple[np.ndarray, np.ndarray]
-    spectra: tuple[np.ndarray, np.ndarray]
-    inside: np.ndarray
-    size: tuple[int, int]
-    padded: tuple[int, int]
-
-    @classmethod
-    def of(cls, frame: Frame) -> "_Edges | None":
-        """Those of a frame; None if there are few in the depth image."""
-        depth = frame.depth
-        marked = _depth_edges(depth), _depth_edges(depth.T).T
-        x, y = (np.argwhere(edges)[:, ::-1].astype(np.float64) for edges in marked)
-        if len(x) + len(y) < _ENOUGH:
-            return None
-        colors = [
-            cv2.resize(edges, None, fx=1 / _CELL, fy=1 / _CELL, interpolation=cv2.INTER_AREA)
-            for edges in _color_edges(frame.rgb)
-        ]
-        height, width = colors[0].shape
-        padded = cv2.getOptimalDFTSize(2 * height), cv2.getOptimalDFTSize(2 * width)
-        first, second = (np.fft.rfft2(edges - edges.mean(), padded) for edges in colors)
-        inside = np.fft.rfft2(np.ones_like(colors[0]), padded)
-        return cls((x, y), (first, second), inside, depth.shape[::-1], padded)
-
-    def agreement(self, place: Registration) -> Image:
-        """Strength of colour edges under the depth edges, for every shift (cells) of a place."""
-        strength, inside = np.zeros(self.padded), np.zeros(self.padded)
-        for pixels, spectrum in zip(self.pixels, self.spectra, strict=True):
-            motion = place.motion(self.size)
-            x, y = (np.floor((pixels @ motion[:, :2].T + motion[:, 2]) / _CELL).astype(int)).T
-            edges = np.zeros(self.padded)
-            edges[y % self.padded[0], x % self.padded[1]] = 1.0
+    def agreement(place: Registration) -> Image:
+        strength, inside = np.zeros(padded), np.zeros(padded)
+        motion = place.motion(frame.depth.shape[::-1])
+        for positions, spectrum in zip(pixels, spectra, strict=True):
+            x, y = (np.floor((positions @ motion[:, :2].T + motion[:, 2]) / _CELL).astype(int)).T
+            edges = np.zeros(padded)
+            edges[y % padded[0], x % padded[1]] = 1.0
             against = np.conj(np.fft.rfft2(edges))
-            strength += np.fft.irfft2(spectrum * against, self.padded)
-            inside += np.fft.irfft2(self.inside * against, self.padded)
+            strength += np.fft.irfft2(spectrum * against, padded)
+            inside += np.fft.irfft2(frame_spectrum * against, padded)
         mean = strength / np.sqrt(np.maximum(inside, 1.0)) * (inside > _INSIDE * inside.max())
         shifts = np.arange(-_REACH // _CELL, _REACH // _CELL + 1)
         return np.asarray(mean[np.ix_(shifts, shifts)])
 
+    return agreement
+
 
 def _best_place(
-    edges: Sequence[_Edges],
-    scales: Sequence[float],
-    turns: Sequence[float],
-    reach: int,
-    clear: float,
+    edges: Sequence[_Agreement], places: Sequence[Registration], reach: int, clear: float
 ) -> Registration | None:
     """Where depth lies of those places; None if that is its own place, or no place is clear."""
-    places = [Registration(scale, turn) for scale in scales for turn in turns]
-    own = Registration()
-    agreements = {
-        place: np.sum([each.agreement(place) for each in edges], axis=0) for place in {*places, own}
-    }
+    all_places = {*places, _OWN}
+    agreements = {place: np.sum([each(place) for each in edges], axis=0) for place in all_places}
     values = np.stack([*agreements.values()])
     middle = np.median(values)
     least = clear * 1.4826 * np.median(np.abs(values - middle))
@@ -174,21 +149,22 @@ def _best_place(
     best = max(places, key=lambda place: agreements[place][within, within].max())
     found = agreements[best][within, within]
     gain = found.max() - middle
-    if gain < least or agreements[own][around, around].max() - middle > _REGISTERED * gain:
+    if gain < least or agreements[_OWN][around, around].max() - middle > _REGISTERED * gain:
         return None
     down, right = np.unravel_index(int(found.argmax()), found.shape)
     shift = (_CELL * int(cells) - reach for cells in (right, down))
     place = Registration(best.scale, best.turn, *shift)
-    moved = best != own or np.hypot(place.right, place.down) >= _TOLERATED
+    moved = best != _OWN or np.hypot(place.right, place.down) >= _TOLERATED
     return place if moved else None
 
 
 def _color_edges(rgb: Rgb) -> list[Image]:
-    """Gradients along x and y relative to the neighbourhood's, so that few edges do not decide."""
+    """Gradients of cells along x and y, relative to those around, so that few do not decide."""
     grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.5)
     along = cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)
     usual = cv2.boxFilter(np.hypot(*along), -1, (31, 31)) + 2.0
-    return [np.minimum(np.abs(gradient) / usual, 3.0) for gradient in along]
+    edges = (np.minimum(np.abs(gradient) / usual, 3.0) for gradient in along)
+    return [cv2.resize(each, None, None, 1 / _CELL, 1 / _CELL, cv2.INTER_AREA) for each in edges]
 
 
 def _depth_edges(depth: Image) -> Mask:

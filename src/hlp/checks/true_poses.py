@@ -25,14 +25,9 @@ _CLEARLY_FITS = 0.9  # then no fault is looked for
 _GAIN = 0.25  # that undoing a fault must bring
 _ENOUGH = 50  # px of an object
 _MOST_TARGETS = 6
-_SCALES = (0.1, 0.125, 0.25, 0.5, 0.9, 0.95, 1.05, 1.1, 2.0, 4.0, 8.0, 10.0)
-_FOCALS = (0.5, 0.67, 0.75, 0.8, 0.9, 1.1, 1.25, 1.33, 1.5, 1.9, 2.0)
-_SHIFTS = (-40, -30, -20, -10, -5, 5, 10, 20, 30, 40)  # px
-_FARTHER = (-0.1, -0.06, -0.03, -0.015, 0.015, 0.03, 0.06, 0.1)  # m
 _ALIKE = 0.05  # of the agreement: either fault may be it
 _HARDLY = 0.3  # agreement of objects of a wrong size
 _MEND_POSES = "Correct the translations, or where the meshes have their origin"
-_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera to OpenCV's
 
 
 @dataclass(frozen=True)
@@ -48,8 +43,7 @@ class Sample:
 class Fault:
     """A fault: its kind, in words, what to do, and what undoes it.
 
-    That is a correction of the frame, a change of the pose, or a factor of the mesh. It explains
-    only less than `most` agreement.
+    That is a correction of the frame, a change of the pose, or a factor of the mesh.
     """
 
     kind: str
@@ -58,7 +52,6 @@ class Fault:
     correction: Correction = UNCHANGED
     change: Callable[[Pose], Pose] = np.copy
     mesh: float = 1.0
-    most: float = 1.0
 
     def undo(self, sample: Sample) -> Sample:
         """The sample as it would be without the fault."""
@@ -77,22 +70,17 @@ def _scaled(factor: float, pose: Pose) -> Pose:
     return rigid(pose[:3, :3], pose[:3, 3] * factor)
 
 
-def _transposed(pose: Pose) -> Pose:
-    return rigid(pose[:3, :3].T, pose[:3, 3])
-
-
 def _faults() -> Iterator[Fault]:
-    advice = "Write R row by row, object to camera"
-    yield Fault("rotations", "rotations are transposed", advice, change=_transposed)
+    words, advice = "rotations are transposed", "Write R row by row, object to camera"
+    yield Fault("rotations", words, advice, change=lambda pose: rigid(pose[:3, :3].T, pose[:3, 3]))
     advice = "Invert them: object to camera"
     yield Fault("poses", "poses map camera to object coordinates", advice, change=inverse)
-    words = "poses have y up and look along -z (OpenGL)"
-    advice = "Turn y and z round (OpenCV)"
-    yield Fault("axes", words, advice, change=lambda pose: _FLIP @ pose)
-    for factor in _SCALES:
+    words, advice = "poses have y up and look along -z (OpenGL)", "Turn y and z round (OpenCV)"
+    yield Fault("axes", words, advice, change=lambda pose: np.diag([1.0, -1.0, -1.0, 1.0]) @ pose)
+    for factor in (0.1, 0.125, 0.25, 0.5, 0.9, 0.95, 1.05, 1.1, 2.0, 4.0, 8.0, 10.0):
         words = f"depth is {1 / factor:.3g} times what it should be"
         yield Fault("depth scale", words, "Correct depth_scale", Correction(depth=factor))
-    for metres in _FARTHER:
+    for metres in (-0.1, -0.06, -0.03, -0.015, 0.015, 0.03, 0.06, 0.1):  # m
         words = f"true poses are {1000 * abs(metres):.0f} mm too {'near' if metres > 0 else 'far'}"
         yield Fault("poses", words, _MEND_POSES, change=partial(_moved, metres))
     for factor in (0.01, 0.1, 10.0, 100.0, 1000.0):
@@ -100,16 +88,15 @@ def _faults() -> Iterator[Fault]:
         yield Fault("pose unit", words, "Write millimetres", change=partial(_scaled, factor))
     for factor in (0.1, 10.0, 25.4):
         words = f"meshes are {1 / factor:.3g} times as large as they should be"
-        # A tiny object agrees with anything behind which it stands.
-        most = _HARDLY if factor < 1.0 else 1.0
-        yield Fault("mesh unit", words, "Write millimetres", mesh=factor, most=most)
-    for factor in _FOCALS:
+        yield Fault("mesh unit", words, "Write millimetres", mesh=factor)
+    for factor in (0.5, 0.67, 0.75, 0.8, 0.9, 1.1, 1.25, 1.33, 1.5, 1.9, 2.0):
         words = f"the focal length is about {1 / factor:.2g} times what it should be"
         yield Fault("intrinsics", words, "Correct fx and fy", Correction(focal=factor))
     for factor in (0.5, 2 / 3, 1.5, 2.0):
         words = f"intrinsics are those of images {1 / factor:.2g} times as large"
         yield Fault("intrinsics", words, "Correct them", Correction(image=factor))
-    for dx, dy in (place for shift in _SHIFTS for place in ((shift, 0), (0, shift))):
+    shifts = (-40, -30, -20, -10, -5, 5, 10, 20, 30, 40)  # px
+    for dx, dy in (place for shift in shifts for place in ((shift, 0), (0, shift))):
         words = f"depth is shifted against the poses by about ({-dx}, {-dy}) px"
         place = Correction(registration=Registration(right=dx, down=dy))
         yield Fault("registration", words, "Register depth to colour", place)
@@ -122,21 +109,18 @@ FAULTS = tuple(_faults())
 def check_true_poses(frames: Sequence[Frame], models: Mapping[int, ObjectModel]) -> list[Finding]:
     """The fault after whose removal the poses fit, or that they fit nowhere."""
     samples = _samples(frames, models)[:_MOST_TARGETS]
-    if not samples:
+    if not samples or (stated := agreement(samples)) >= _CLEARLY_FITS:
         return []
-    stated = agreement(samples)
-    if stated >= _CLEARLY_FITS:
-        return []
-    possible = [fault for fault in FAULTS if stated < fault.most]
+    # A tiny object agrees with anything behind which it stands.
+    possible = [fault for fault in FAULTS if fault.mesh >= 1.0 or stated < _HARDLY]
     shares = [agreement([fault.undo(sample) for sample in samples]) for fault in possible]
     best = int(np.argmax(shares))
     where = f"{len(samples)} targets"
     seen = f"{100 * stated:.0f} % of the objects' pixels agree with the depth"
     if shares[best] >= stated + _GAIN:
         fault = possible[best]
-        if fault.kind == "registration" and find_registration(frames, whole=True) is None:
-            place = fault.correction.registration
-            assert place is not None
+        place = fault.correction.registration
+        if place is not None and find_registration(frames, whole=True) is None:
             beside = f"true poses lie about ({place.right}, {place.down}) px beside the objects"
             fault = replace(fault, kind="poses", problem=beside, advice=_MEND_POSES)
         words = [fault.problem]
@@ -176,14 +160,12 @@ def agreement(samples: Sequence[Sample]) -> float:
 
 
 def _agreement(sample: Sample) -> float:
-    frame = sample.frame
-    height, width = frame.depth.shape
     if not np.isfinite(sample.pose).all():
         return 0.0
-    rendered = render_depth(
-        sample.model.proxy, sample.pose[None], frame.camera_matrix, (height, width), threads=1
-    )[0]
-    both = (rendered > 0) & (frame.depth > 0)
+    depth, camera_matrix = sample.frame.depth, sample.frame.camera_matrix
+    drawn = sample.model.proxy, sample.pose[None], camera_matrix, depth.shape
+    rendered = render_depth(*drawn, threads=1)[0]
+    both = (rendered > 0) & (depth > 0)
     if np.count_nonzero(both) < _ENOUGH:
         return 0.0
-    return float((np.abs(rendered[both] - frame.depth[both]) < _AGREES).mean())
+    return float((np.abs(rendered[both] - depth[both]) < _AGREES).mean())

@@ -17,17 +17,14 @@ from hlp.checks.true_poses import check_true_colors, check_true_poses
 from hlp.commands import arguments as own
 from hlp.commands.ending import EVERYTHING
 from hlp.data.bop import BopFrames, BopSettings
-from hlp.data.dataset import Dataset
 from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames, SearchMasks
 from hlp.errors import HlpError
 from hlp.files import expanded
 from hlp.method.detector import Detector
-from hlp.records import Frame
 from hlp.reporting.figures.panels import draw_detections, write_picture
 from hlp.runs.learnt_cache import cache_folder, find_learnt
 
-_THREAD_KEYS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _LEAST_DISK = 2.0e9  # bytes that learning an object takes for a while
 
 
@@ -58,7 +55,7 @@ def check_threads() -> list[Finding]:
         problem = "idle threads keep their cores busy, which can cost a factor of twenty"
         found.append(Finding("threads", "OMP_WAIT_POLICY=ACTIVE", problem, "Set it to PASSIVE"))
     usable = os.cpu_count() or 1
-    for key in _THREAD_KEYS:
+    for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         text = os.environ.get(key, "")
         if text.isdecimal() and int(text) > usable:
             problem, advice = f"this machine has {usable} cores", f"Set it to {usable} or less"
@@ -111,7 +108,9 @@ def examine_dataset(root: Path, output: Path | None) -> list[Finding]:
     causes += check_true_colors(frames, dataset.models)
     if output is not None:
         for frame in frames:
-            _draw_truth(output, dataset, frame)
+            known = [target for target in frame.targets if target.object_id in dataset.models]
+            poses = [(dataset.models[target.object_id], target.pose_cam_obj) for target in known]
+            write_picture(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
     # Values that make no sense have a cause; where it is known, only the cause is said.
     return [found for found in findings if not causes or found.kind != "values"] + causes
 
@@ -121,13 +120,11 @@ def examine_own(
 ) -> list[Finding]:
     """A user's own frames, with learnt objects to look for or without."""
     try:
-        keys = frames.keys
-        _ = frames.camera
+        _ = frames.keys, frames.camera
     except HlpError as error:
         return [Finding("files", "frames", str(error), "Correct it and call again")]
-    read, findings = read_frames(frames.load, keys, _KEPT)
-    models = [] if detector is None else list(detector.models.values())
-    findings += check_frames(read, models)
+    read, findings = read_frames(frames.load, frames.keys, _KEPT)
+    findings += check_frames(read, [] if detector is None else list(detector.models.values()))
     if detector is None or not read:
         return findings
     marked = dict[str, Mask]()
@@ -137,16 +134,6 @@ def examine_own(
     causes = check_with_objects(detector, read, marked, frames.depth_scale)
     # What is found out with objects says more than what frames alone do, and names it once.
     return causes if causes and causes[0].kind != ABSENT else findings or causes
-
-
-def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
-    models = dataset.models
-    known = [target for target in frame.targets if target.object_id in models]
-    poses = [(models[target.object_id], target.pose_cam_obj) for target in known]
-    write_picture(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
-
-
-_FRAMES = {"rgb", "depth", "intrinsics"}
 
 
 def doctor(arguments: Sequence[str]) -> None:
@@ -174,7 +161,7 @@ def doctor(arguments: Sequence[str]) -> None:
         findings += examine_dataset(expanded(given["data"]), output)
         if output is not None:
             print(f"pictures  {output} (objects at their true poses)")
-    if _FRAMES & given.keys():
+    if {"rgb", "depth", "intrinsics"} & given.keys():
         frames = OwnFrames(own.read_group(FrameFiles, given))
         print(f"frames    {given.get('rgb')}")
         findings += examine_own(frames, detector, own.search_masks(given))

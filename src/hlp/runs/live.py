@@ -20,7 +20,7 @@ from hlp.data.cameras import BrokenImage, Camera
 from hlp.errors import HlpError, InputError
 from hlp.files import replaced
 from hlp.method.detector import Detector
-from hlp.method.find.detections import Detection, TrackingResult
+from hlp.method.find.detections import Detection
 from hlp.method.settings import TrackingSettings
 from hlp.method.tracker import Tracker
 from hlp.records import CameraImage, Frame, ObjectModel
@@ -61,12 +61,9 @@ class PicturePage(ThreadingHTTPServer):
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
             raise InputError(f"page={port}: {error}: give another port") from error
-        threading.Thread(target=self.serve_forever, daemon=True).start()
-
-    @property
-    def address(self) -> str:
+        self.address = f"http://{HOST}:{self.server_address[1]}/"
         """Address of the page."""
-        return f"http://{HOST}:{self.server_address[1]}/"
+        threading.Thread(target=self.serve_forever, daemon=True).start()
 
     def close(self) -> None:
         """Stop serving."""
@@ -100,15 +97,19 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer one request."""
-        path, picture = self.path.partition("?")[0], self.server.picture
+        pages = {"/": ("text/html", _PAGE), "/picture.jpg": ("image/jpeg", self.server.picture)}
+        kind, content = pages.get(self.path.partition("?")[0], ("", b""))
         if not self._is_own():
             self.send_error(403, f"ask for {HOST}")
-        elif path == "/":
-            self._send("text/html", _PAGE)
-        elif path == "/picture.jpg" and picture:
-            self._send("image/jpeg", picture)
-        else:
+        elif not content:
             self.send_error(404)
+        else:
+            self.send_response(200)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            self.wfile.write(content)
 
     def _is_own(self) -> bool:
         """Whether no other site's page embeds this, or has made its name lead here (DNS rebinding).
@@ -128,14 +129,6 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, *args: Any) -> None:
         """Requests are nobody's concern."""
-
-    def _send(self, kind: str, content: bytes) -> None:
-        self.send_response(200)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.send_header("Cache-Control", "no-store")
-        self.end_headers()
-        self.wfile.write(content)
 
 
 Line = Mapping[str, Any]
@@ -163,14 +156,11 @@ class LivePictures:
             raise InputError(f"overlay={overlay}: it must be a .png or .jpg file")
         self._models, self._overlay = models, overlay
         self._page = None if page is None else PicturePage(page)
+        self.address = None if self._page is None else self._page.address
+        """Address of the page."""
         self._waiting: deque[tuple[CameraImage, Sequence[Detection]]] = deque(maxlen=1)
         self._drawer = ThreadPoolExecutor(1)
         self._drawn = self._drawer.submit(self._draw_last)
-
-    @property
-    def address(self) -> str | None:
-        """Address of the page."""
-        return None if self._page is None else self._page.address
 
     def show(self, image: CameraImage, found: Sequence[Detection]) -> None:
         """Draw an image soon. Raises OSError if the picture before could not be written."""
@@ -186,12 +176,11 @@ class LivePictures:
             self._page.close()
 
     def _draw_last(self) -> None:
-        if self._waiting:  # otherwise the call before has drawn it
-            self._draw(*self._waiting.pop())
-
-    def _draw(self, image: CameraImage, found: Sequence[Detection]) -> None:
+        if not self._waiting:  # the call before has drawn it
+            return
         from hlp.reporting.figures.panels import draw_detections  # needed by few
 
+        image, found = self._waiting.pop()
         frame = Frame(0, 0, image.rgb, image.depth, image.camera_matrix)
         poses = [(self._models[answer.object], answer.pose_cam_obj) for answer in found]
         picture = cv2.cvtColor(draw_detections(frame, poses), cv2.COLOR_RGB2BGR)
@@ -217,19 +206,20 @@ def live(
     """
     tracker = detector.tracker(options.objects, options.max_instances, options)
     _rehearse(detector, tracker)
-    names = list(detector.objects if options.objects is None else options.objects)
-    answer({"ready": True, "objects": names})
+    answer({"ready": True, "objects": list(options.objects or detector.objects)})
     for number, image in enumerate(camera):
-        begun = time.perf_counter()
+        begun, about = time.perf_counter(), {"image": number, "name": image.name}
         try:
             if isinstance(image, BrokenImage):
                 raise image.error
             result = tracker.search(image)
         except HlpError as error:
-            answer({"image": number, "name": image.name, "error": str(error)})
+            answer({**about, "error": str(error)})
             continue
-        milliseconds = (time.perf_counter() - begun) * 1000.0
-        answer(_line(number, image, result, milliseconds))
+        ms = round((time.perf_counter() - begun) * 1000.0, 2)
+        found = [{"object": each.object, **detection_values(each)} for each in result.detections]
+        missing = [{"object": each.object, "reason": each.reason} for each in result.rejections]
+        answer({**about, "captured": image.captured, "ms": ms, "found": found, "missing": missing})
         if pictures is not None:
             pictures.show(image, result.detections)
 
@@ -245,16 +235,3 @@ def _rehearse(detector: Detector, tracker: Tracker) -> None:
     for _ in range(2):
         tracker.search(CameraImage(rgb, wall, _REHEARSAL_CAMERA))
     tracker.reset()
-
-
-def _line(number: int, image: CameraImage, result: TrackingResult, milliseconds: float) -> Line:
-    return {
-        "image": number,
-        "name": image.name,
-        "captured": image.captured,
-        "ms": round(milliseconds, 2),
-        "found": [
-            {"object": found.object, **detection_values(found)} for found in result.detections
-        ],
-        "missing": [{"object": r.object, "reason": r.reason} for r in result.rejections],
-    }

@@ -2,7 +2,7 @@
 
 import hashlib
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +11,11 @@ from typing import Annotated, Any
 import cv2
 import numpy as np
 from annotated_types import Ge, Interval
-from jaxtyping import Bool, Float
 from tqdm import tqdm
 
 import hlp
-from hlp.arrays import spread
-from hlp.checks.known_objects import FaultWatch
+from hlp.arrays import Mask, Pose, spread
+from hlp.checks.known_objects import FaultWatch, all_answers
 from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
 from hlp.method.arguments import checked_names
@@ -26,7 +25,7 @@ from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import RECORD
 from hlp.method.settings import TrackingSettings
 from hlp.progress import Progress
-from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel, PoseEstimate, parse_frame_key
+from hlp.records import MILLIMETRES_PER_METRE, Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.poses_file import LINES, AnswersFile
 from hlp.settings import Doc, Settings
@@ -38,12 +37,12 @@ HEADER = (
 """Above the lines of `pose_line`."""
 _AHEAD = 2  # frames decoded beside detection
 _logger = logging.getLogger(__name__)
-_Mask = Bool[np.ndarray, "h w"] | None
 _Found = SearchResult | TrackingResult
-_Decoded = tuple[str, Frame | None, _Mask, HlpError | None]
+_Search = Callable[[Frame, Mask | None], _Found]
+_Decoded = tuple[str, Frame | None, Mask | None, HlpError | None]
 
 
-def pose_line(image: str, name: str, score: float, pose: Float[np.ndarray, "4 4"]) -> str:
+def pose_line(image: str, name: str, score: float, pose: Pose) -> str:
     """Image, object, score, translation (mm) and rotation vector (degrees).
 
     The rotation vector points along the axis of rotation, and its length is the angle.
@@ -189,13 +188,12 @@ class _Call:
         if options.objects is not None:
             checked_names(options.objects, detector.objects, detector.folder)
         self._search = _search(detector, options)
-        keys, panels = frames.keys, options.panels
-        count = int(len(keys) == 1) if panels is None else panels
-        self._drawn = set(spread(keys, count))
+        panels = int(len(frames) == 1) if options.panels is None else options.panels
+        self._drawn = set(spread(frames.keys, panels))
         self._answered = 0
         self.watch = FaultWatch(detector, options.objects)
 
-    def answer(self, frame: Frame, mask: _Mask, file: AnswersFile) -> HlpError | None:
+    def answer(self, frame: Frame, mask: Mask | None, file: AnswersFile) -> HlpError | None:
         """Answer a frame; its error, if it cannot be used."""
         try:
             found = self._search(frame, mask)
@@ -216,12 +214,15 @@ class _Call:
     def _write(self, frame: Frame, found: _Found, file: AnswersFile) -> None:
         """Write and print the answers, then why objects of which there is none were not found."""
         image, models = self._frames.paths(frame.key).name, self._detector.models
-        rejected = [r.answer for r in found.rejections if r.answer is not None]
-        seconds = {"total": sum(answer.seconds for answer in [*found.detections, *rejected])}
+        seconds = {"total": sum(answer.seconds for answer in all_answers(found))}
+
+        def about(name: str, is_found: bool) -> dict[str, Any]:
+            known = {"obj_id": models[name].object_id, "object": name, "found": is_found}
+            return {**_names(self._frames, frame.key), **known, "seconds": seconds}
+
         for answer in found.detections:
-            model = models[answer.object]
-            values = self._about(frame, model, True, seconds) | detection_values(answer)
-            ids = (frame.scene_id, frame.frame_id, model.object_id)
+            values = about(answer.object, True) | detection_values(answer)
+            ids = (frame.scene_id, frame.frame_id, models[answer.object].object_id)
             file.add(values, PoseEstimate(*ids, answer.pose_cam_obj, answer.score, seconds))
             _say(pose_line(image, answer.object, answer.score, answer.pose_cam_obj))
         named = {answer.object for answer in found.detections}
@@ -229,16 +230,9 @@ class _Call:
             if rejection.object in named:  # one more instance that was looked for in vain
                 continue
             best = {"score": 0.0} if (r := rejection.answer) is None else detection_values(r)
-            about = self._about(frame, models[rejection.object], False, seconds)
-            file.add({**about, **best, "reason": rejection.reason}, None)
+            file.add({**about(rejection.object, False), **best, "reason": rejection.reason}, None)
             _say(f"{image:<24} {rejection.object:<16} not found: {rejection.reason}")
             named.add(rejection.object)
-
-    def _about(
-        self, frame: Frame, model: ObjectModel, found: bool, seconds: Mapping[str, float]
-    ) -> dict[str, Any]:
-        about = {"obj_id": model.object_id, "object": model.name, "found": found}
-        return {**_names(self._frames, frame.key), **about, "seconds": seconds}
 
     def _draw(self, frame: Frame, found: _Found) -> None:
         # Not needed for a folder.
@@ -249,18 +243,13 @@ class _Call:
         write_picture(self._output / "panels" / f"{name}.png", draw_detections(frame, poses))
 
 
-def _search(detector: Detector, options: PredictionOptions) -> Callable[[Frame, _Mask], _Found]:
+def _search(detector: Detector, options: PredictionOptions) -> _Search:
     if options.track:
         settings = TrackingSettings(min_score=options.min_score)
         return detector.tracker(options.objects, options.max_instances, settings).search
+    of = options.objects, options.max_instances, options.min_score
     return lambda frame, mask: detector.search(
-        frame.rgb,
-        frame.depth,
-        frame.camera_matrix,
-        options.objects,
-        options.max_instances,
-        options.min_score,
-        mask,
+        frame.rgb, frame.depth, frame.camera_matrix, *of, mask
     )
 
 

@@ -31,14 +31,9 @@ _TRIED = 3
 _LIKELY = 0.3
 """Score of a pose beside which others of its kind are looked for (D)."""
 _SAME_TURN = np.radians(15.0)
-_QUARTERS = np.array(
-    [
-        turn
-        for order in permutations(np.eye(3))
-        for signs in product((1.0, -1.0), repeat=3)
-        if np.linalg.det(turn := np.array(order) * signs) > 0.0
-    ]
-)
+_SIGNS = np.array([*product((1.0, -1.0), repeat=3)])[:, None]
+_SIGNED_AXES = (np.array([*permutations(np.eye(3))])[:, None] * _SIGNS).reshape(-1, 3, 3)
+_QUARTERS = _SIGNED_AXES[np.linalg.det(_SIGNED_AXES) > 0.0]
 """The 24 turns that map a cube onto itself; SciPy, which has them, is slow to import."""
 
 
@@ -75,11 +70,6 @@ class _Answer(NamedTuple):
     pose: Pose
     chosen: bool
 
-    @property
-    def is_likely(self) -> bool:
-        """Whether it goes before what is only less unlikely."""
-        return self.chosen and self.score >= _LIKELY
-
 
 class Attempts:
     """What each search of a part of the frame has found, the region being the first part.
@@ -98,6 +88,7 @@ class Attempts:
     ) -> None:
         self._estimator, self._context, self._object_id = context.estimator, context, object_id
         self._instances, self._unexplained, self._min_score = instances, unexplained, min_score
+        self._of, self._verifier = (context, object_id), context.estimator.verifier(object_id)
         self._colorless = context.estimator.has_templates(object_id)
         self._help_each_other = instances > 1 and self._colorless
         self._found: list[RefinedHypotheses] = []
@@ -120,13 +111,21 @@ class Attempts:
             rows = range(len(found.refined))  # the chosen ones may turn out to be wrong
         for row in rows:
             pose = found.refined[row].pose_cam_obj
-            score = self._score(pose, BEST_OF_MANY if self._colorless else None)
-            self._answers.append(_Answer(score, start + row, pose, row in found.instances))
+            chosen = row in found.instances
+            self._answers.append(_Answer(self._score(pose), start + row, pose, chosen))
 
     def search_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
         """Refine coarse poses of the missing instances, in what the `known` ones leave."""
-        rest, missing = self._left_by(known), self._instances - len(known)
-        self._refine(coarse_poses(missing, rest), missing, rest)
+        rest = Unexplained(self._context, self._unexplained)
+        for pose in known:
+            rest.take(self._object_id, pose)
+        missing, enough = self._instances - len(known), self._min_score
+        coarse = coarse_poses(missing, rest.left)
+        if self._colorless and enough is not None:
+            # What looks best may be the bin: some more are tried, whatever the score of the first.
+            missing, enough = min(missing, _TRIED), None
+        found = self._estimator.refine(*self._of, coarse, missing, rest.left, enough)
+        self.add(found and replace(found, sources=np.full_like(found.sources, -1)))
 
     def search_neighbours(self) -> None:
         """Search the neighbours of what was found, and theirs, until there are no more."""
@@ -135,9 +134,8 @@ class Attempts:
             if not new:
                 break
             self._searched_beside |= {pose.tobytes() for pose in new}
-            verifier = self._estimator.verifier(self._object_id)
-            coarse = poses_beside(verifier, self._context.observation, np.stack(new))
-            self._refine(coarse, self._instances - len(found), self._left_by(found))
+            coarse = poses_beside(self._verifier, self._context.observation, np.stack(new))
+            self.search_further(lambda *_, coarse=coarse: coarse, found)
 
     def search_turned(self) -> None:
         """Take what stands turned in the place of a likely one, if it fits better.
@@ -151,39 +149,20 @@ class Attempts:
                 self._turn(answer)
 
     def _turn(self, answer: _Answer) -> None:
-        verifier, seen = self._estimator.verifier(self._object_id), self._context.observation
-        poses = poses_turned(verifier.model, answer.pose)
-        if len(poses) == 0:
-            return
+        poses = poses_turned(self._verifier.model, answer.pose)
         coarse = Hypotheses(poses, np.ones(len(poses)))
-        of = self._context, self._object_id, coarse, 1, self._unexplained
-        found = self._estimator.refine(*of)
+        found = self._estimator.refine(*self._of, coarse, 1, self._unexplained)
         if found is None:
             return
         best = found.chosen_poses[0]
-        before, cost = verifier.costs(seen, np.stack([answer.pose, best]))
-        score = self._score(best, BEST_OF_MANY)
+        both = np.stack([answer.pose, best])
+        before, cost = self._verifier.costs(self._context.observation, both)
         # Each alone is fooled more often: the score by what covers the part, the cost by noise.
-        if cost < before and score > self._score(answer.pose, BEST_OF_MANY):
+        if cost < before and (score := self._score(best)) > self._score(answer.pose):
             row = sum(len(others.refined) for others in self._found) + found.best
             self._found.append(replace(found, sources=np.full_like(found.sources, -1)))
             self._answers = [other for other in self._answers if other.row != answer.row]
             self._answers.append(_Answer(score, row, best, answer.chosen))
-
-    def _left_by(self, known: Sequence[Pose]) -> Observation | None:
-        rest = Unexplained(self._context, self._unexplained)
-        for pose in known:
-            rest.take(self._object_id, pose)
-        return rest.left
-
-    def _refine(self, coarse: Hypotheses, missing: int, rest: Observation | None) -> None:
-        enough = self._min_score
-        if self._colorless and enough is not None:
-            # What looks best may be the bin: some more are tried, whatever the score of the first.
-            missing, enough = min(missing, _TRIED), None
-        of = self._context, self._object_id, coarse, missing, rest, enough
-        found = self._estimator.refine(*of)
-        self.add(found and replace(found, sources=np.full_like(found.sources, -1)))
 
     def poses(self, least: float) -> list[Pose]:
         """Those of at least that score, each of another instance, the most likely first."""
@@ -204,9 +183,13 @@ class Attempts:
         )
 
     def _different(self) -> list[_Answer]:
-        """The most likely answers, without those on pixels of better ones."""
-        judged = self._answers if not self._colorless else self._judged()
-        return self._apart(sorted(judged, key=lambda answer: (not answer.is_likely, -answer.score)))
+        """The most likely answers, without those on pixels of better ones.
+
+        What a search chose, and is likely, goes before what is only less unlikely.
+        """
+        judged = self._judged() if self._colorless else self._answers
+        ordered = sorted(judged, key=lambda a: (not (a.chosen and a.score >= _LIKELY), -a.score))
+        return self._apart(ordered)
 
     def _judged(self) -> list[_Answer]:
         """All answers, with scores that know what the surest ones look like."""
@@ -216,24 +199,20 @@ class Attempts:
         best_first = sorted(self._answers, key=lambda answer: -answer.score)
         rows = {answer.row for answer in self._apart(best_first) if answer.score >= MIN_SCORE}
         sure = np.array([answer.row in rows for answer in self._answers])
-        appearances = [self._appearance(answer) for answer in self._answers]
+        new = [answer for answer in self._answers if answer.row not in self._appearances]
+        seen = self._verifier, self._context.observation
+        self._appearances |= {answer.row: self._colors.at(*seen, answer.pose) for answer in new}
+        appearances = [self._appearances[answer.row] for answer in self._answers]
         shares, clutter = (np.array(values) for values in zip(*appearances, strict=True))
         evidence = color_evidence(shares, scores * sure, self._colors.shares)
         evidence += plain_evidence(clutter, np.log(scores / (1.0 - scores)), sure)
         pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
         return [a._replace(score=self._score(a.pose, float(value))) for a, value in pairs]
 
-    def _appearance(self, answer: _Answer) -> PartAppearance:
-        if answer.row not in self._appearances:
-            verifier, seen = self._estimator.verifier(self._object_id), self._context.observation
-            self._appearances[answer.row] = self._colors.at(verifier, seen, answer.pose)
-        return self._appearances[answer.row]
-
-    def _score(self, pose: Pose, appearance: float | None) -> float:
-        of = self._context, self._object_id, pose
-        if appearance is not None:
-            self._estimator.set_appearance(*of, appearance)
-        return self._estimator.score(*of)
+    def _score(self, pose: Pose, appearance: float = BEST_OF_MANY) -> float:
+        if self._colorless:
+            self._estimator.set_appearance(*self._of, pose, appearance)
+        return self._estimator.score(*self._of, pose)
 
     def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:
         """Those of the answers, the best first, that do not stand on pixels of better ones."""
