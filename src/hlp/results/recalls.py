@@ -4,8 +4,9 @@ The 95 % intervals, also of differences, are over targets that are not independe
 """
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, Union
 
@@ -89,18 +90,11 @@ def average_recalls(scores: Sequence[TargetScore]) -> dict[str, float | None]:
     BOP Challenge 2020, Sec. 2.2.
     """
     recalls = {
-        "vsd": _mean_or_none([score.vsd_recall for score in scores]),
-        "mssd": _mean_or_none([score.mssd_recall for score in scores]),
-        "mspd": _mean_or_none([score.mspd_recall for score in scores]),
+        name: np.mean([getattr(score, f"{name}_recall") for score in scores])
+        for name in ("vsd", "mssd", "mspd")
     }
-    known = [value for value in recalls.values() if value is not None]
-    complete = len(known) == len(recalls)
-    return {"ar": float(np.mean(known)) if complete else None, **recalls}
-
-
-def _mean_or_none(values: Sequence[float]) -> float | None:
-    mean = float(np.mean(values))
-    return None if np.isnan(mean) else mean
+    means = {"ar": np.mean([*recalls.values()]), **recalls}
+    return {name: None if np.isnan(mean) else float(mean) for name, mean in means.items()}
 
 
 FILE = "targets.csv"
@@ -117,12 +111,8 @@ def numbered_targets(targets: Iterable[tuple[int, int, int]]) -> list[TargetKey]
 
     Several instances of an object in an image are told apart by that order.
     """
-    instances: Counter[tuple[int, int, int]] = Counter()
-    keys: list[TargetKey] = []
-    for target in targets:
-        keys.append((*target, instances[target]))
-        instances[target] += 1
-    return keys
+    instances: dict[tuple[int, int, int], Iterator[int]] = defaultdict(count)
+    return [(*target, next(instances[target])) for target in targets]
 
 
 def add_verdicts(scores: Sequence[TargetScore]) -> dict[TargetKey, float]:
