@@ -22,7 +22,8 @@ import xxhash
 
 from hlp.folders import inside, own_files
 
-_SEAL = "checksum"
+SEAL = "checksum"
+"""The key of a sealed record's own checksum."""
 
 
 def file_checksum(path: Path) -> str:
@@ -63,24 +64,15 @@ def find_damaged(folder: Path, checksums: Mapping[str, str]) -> Iterator[str]:
 
 def sealed(record: Mapping[str, Any]) -> dict[str, Any]:
     """The record with a checksum of itself. Its values must be JSON's."""
-    return {**record, _SEAL: _record_checksum(record)}
-
-
-def is_sealed(record: Mapping[str, Any]) -> bool:
-    """Whether a record has a checksum, be it right or wrong."""
-    return _SEAL in record
+    text = json.dumps(record, sort_keys=True, separators=(",", ":"))
+    return {**record, SEAL: content_checksum(text.encode())}
 
 
 def seal_is_whole(record: object) -> bool:
     """Whether a value read from JSON is a record that `sealed` gave, unchanged."""
-    return isinstance(record, dict) and record.get(_SEAL) == _record_checksum(
-        {key: value for key, value in record.items() if key != _SEAL}
-    )
-
-
-def _record_checksum(record: Mapping[str, Any]) -> str:
-    text = json.dumps(record, sort_keys=True, separators=(",", ":"))
-    return content_checksum(text.encode())
+    if not isinstance(record, dict):
+        return False
+    return record == sealed({key: value for key, value in record.items() if key != SEAL})
 
 
 # Folders where installers put libraries. Other modules may be edited, so their source counts.
@@ -220,13 +212,11 @@ def _may_be_edited(top: str) -> bool:
 
 def _versions(modules: Iterable[str]) -> dict[str, str]:
     """Versions of the distributions that contain the modules, and of Python."""
-    brought_by = _distributions()
+    brought_by = _brought_by()
     names = {name for module in modules for name in brought_by.get(module, ())}
     names |= {behind for name, behind in _BEHIND.items() if name in names}
     python = ".".join(map(str, sys.version_info[:2]))
     return {"python": python, **{name: version(name) for name in sorted(names)}}
 
 
-@cache
-def _distributions() -> dict[str, list[str]]:
-    return dict(packages_distributions())
+_brought_by = cache(packages_distributions)  # slow: it reads what each of them has installed

@@ -27,10 +27,10 @@ from hlp.codebook.neighbours import is_joint
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, write_json
 from hlp.fingerprints import (
+    SEAL,
     content_checksum,
     find_damaged,
     folder_checksums,
-    is_sealed,
     seal_is_whole,
     sealed,
 )
@@ -93,7 +93,7 @@ def read_record(folder: Path) -> LearntRecord:
         raise DamagedError(f"{error}: {_AGAIN}") from error
     fields = content if isinstance(content, dict) else {}
     known = fields.get("format") == FORMAT
-    if (known or is_sealed(fields)) and not seal_is_whole(fields):
+    if (known or SEAL in fields) and not seal_is_whole(fields):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
     if not known:
         raise DataError(
