@@ -234,14 +234,12 @@ def _only_one(folder: Path) -> Iterator[None]:
         _put_aside(path, f"{path} is no lock")
     lock = FileLock(path)
     try:
-        lock.acquire(timeout=0)
+        held = lock.acquire(timeout=0)
     except Timeout:
         _logger.info("waiting for another run that makes %s %s", folder.parent.name, folder.name)
-        lock.acquire()
-    try:
+        held = lock.acquire()
+    with held:
         yield
-    finally:
-        lock.release()
 
 
 def _put_aside(path: Path, problem: str) -> None:
