@@ -34,7 +34,8 @@ def test_a_damaged_entry_is_listed_and_can_be_removed(cache):
     assert learnt_cache.remove_learnt("bolt", cache) == cache / "bolt"
 
 
-def test_only_entries_of_the_cache_are_removed(cache, tmp_path):
+def test_only_entries_of_the_cache_are_removed_from_wherever_one_is(cache, monkeypatch):
+    monkeypatch.chdir(cache)
     for wrong in (str(cache / "bolt"), "..", "../objects"):
         with pytest.raises(ValueError, match="is not a name"):
             learnt_cache.remove_learnt(wrong, cache)
