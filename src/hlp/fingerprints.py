@@ -151,24 +151,22 @@ def _top(module: str) -> str:
 
 
 @cache
-def _imports(module: str) -> tuple[str, ...]:
+def _imports(module: str) -> set[str]:
     """Full names of everything that a module's source imports, modules or not."""
     path, source = _source_file(module), _read(module)
     assert path is not None and source is not None
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    return tuple(dict.fromkeys(_imported(ast.parse(source), package)))
-
-
-def _imported(tree: ast.AST, package: str) -> Iterator[str]:
-    statements = [tree]  # without their expressions, in which nothing is imported
+    statements: list[ast.AST] = [ast.parse(source)]  # no expressions: they import nothing
+    names: set[str] = set()
     for node in statements:
         for part in ("body", "orelse", "finalbody", "handlers", "cases"):
             statements += getattr(node, part, ())
         if isinstance(node, ast.Import):
-            yield from (name.name for name in node.names)
+            names |= {name.name for name in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = resolve_name("." * node.level + (node.module or ""), package)
-            yield from (base, *(f"{base}.{name.name}" for name in node.names))
+            names |= {base, *(f"{base}.{name.name}" for name in node.names)}
+    return names
 
 
 @cache
