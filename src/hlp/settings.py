@@ -42,6 +42,7 @@ from hlp.registry import Registry as Registry
 T = TypeVar("T")
 
 Count = Annotated[int, Ge(1)]
+WholeNumber = Annotated[int, Ge(0)]
 NotNegative = Annotated[float, Ge(0)]
 Positive = Annotated[float, Gt(0)]
 Share = Annotated[float, Interval(ge=0, le=1)]

@@ -11,7 +11,6 @@ import re
 import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 from importlib.metadata import distribution, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -71,8 +70,6 @@ def plain(value: Any) -> Any:
 def _as_json(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, Enum):
-        return value.value
     if isinstance(value, Path):
         return value.as_posix()
     if isinstance(value, Mapping):
@@ -81,6 +78,9 @@ def _as_json(value: Any) -> Any:
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return {"class": type(value).__name__, "fields": fields}
     raise TypeError(f"{value!r} is no plain value, as settings are")
+
+
+MakingTime = Annotated[float, Ge(0), Le(1e9)]  # seconds
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class StageEvent(Stored):
     of: str = ""
     fingerprint: str = ""
     reused: bool = False
-    seconds: Annotated[float, Ge(0), Le(1e9)] = 0.0
+    seconds: MakingTime = 0.0
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
