@@ -101,13 +101,13 @@ def code_of(*modules: str, leaving_out: tuple[str, ...] = ()) -> Code:
     Raises ModuleNotFoundError for a module without Python source.
     """
     sources, foreign = _closure(modules, leaving_out)
-    return Code(_digest(sources), _versions(foreign))
+    return Code(contents_digest(sources), _versions(foreign))
 
 
 @cache
 def source_digest(*modules: str) -> str:
     """The digest of the source alone, as in `code_of`, without looking up versions."""
-    return _digest(_closure(modules)[0])
+    return contents_digest(_closure(modules)[0])
 
 
 def _closure(
@@ -138,10 +138,10 @@ def _closure(
     return sources, foreign
 
 
-def _digest(sources: dict[str, bytes]) -> str:
+def contents_digest(contents: Mapping[str, bytes]) -> str:
     """16 hex digits, the same for the same names with the same content."""
     digest = hashlib.blake2b(digest_size=8)
-    for name, content in sorted(sources.items()):
+    for name, content in sorted(contents.items()):
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
     return digest.hexdigest()
 

@@ -21,7 +21,7 @@ from annotated_types import Ge, Le
 import hlp
 from hlp.errors import DataError
 from hlp.files import read_json
-from hlp.fingerprints import Code, code_of
+from hlp.fingerprints import Code, code_of, contents_digest
 from hlp.settings import Stored, stored_as
 
 # It collects the settings of the whole method. Their values are in each fingerprint already, and
@@ -171,11 +171,9 @@ def processor() -> dict[str, str]:
 def code_digest() -> str:
     """Digest (16 hex digits) of all of HLP's Python files as they are on disk now."""
     package = Path(hlp.__file__).parent
-    digest = hashlib.blake2b(digest_size=8)
-    for source in sorted(package.rglob("*.py")):
-        digest.update(source.relative_to(package).as_posix().encode() + b"\0")
-        digest.update(source.read_bytes() + b"\0")
-    return digest.hexdigest()
+    return contents_digest(
+        {path.relative_to(package).as_posix(): path.read_bytes() for path in package.rglob("*.py")}
+    )
 
 
 def git_revision() -> str | None:
