@@ -9,9 +9,8 @@ from hlp.runs import learnt_cache
 def cache(tmp_path):
     for name in ("bolt", "two"):
         folder = tmp_path / "objects" / name
-        folder.mkdir(parents=True)
-        (folder / "big").write_bytes(bytes(1000))
         write_record(folder, LearntRecord({name: 1}, (1,), MethodSettings()))
+        (folder / "big").write_bytes(bytes(1000))
     return learnt_cache.cache_folder(str(tmp_path))
 
 
