@@ -87,14 +87,12 @@ class Result:
     @property
     def add(self) -> Mapping[str, Any]:
         """`recall` by ADD(-S) and its interval `ci95`."""
-        metric: Mapping[str, Any] = self.summary["metrics"]["add"]
-        return metric
+        return dict(self.summary["metrics"]["add"])
 
     @property
     def total_ms(self) -> Mapping[str, float]:
         """`median` and `p95` of the time of one object in one frame (ms)."""
-        times: Mapping[str, float] = self.summary["timing_ms"]["total"]
-        return times
+        return dict(self.summary["timing_ms"]["total"])
 
 
 def result_folders(root: Path) -> list[Path]:
