@@ -7,13 +7,12 @@ traceback. Each class is also a subclass of a built-in error, so `except ValueEr
 import errno
 import re
 
+# The system is the cause: a full or failing disk, missing rights, a wrong path.
 _MACHINES = {
     errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
     errno.ENAMETOOLONG, errno.ENOTDIR, errno.EIO, errno.EFBIG, errno.EEXIST, errno.EISDIR,
     errno.ELOOP, errno.ENOTEMPTY, errno.ESTALE,
 }  # fmt: skip
-
-
 _CONTROLS = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")
 _LONGEST = 300  # characters of a message: a file may hold, and name, anything
 
@@ -74,9 +73,5 @@ class MissingDependencyError(HlpError, ImportError):
 
 def is_expected(error: BaseException) -> bool:
     """Whether an error is HLP's own or one of the system, and so not a bug."""
-    return isinstance(error, HlpError) or (isinstance(error, OSError) and _is_machines(error))
-
-
-def _is_machines(error: OSError) -> bool:
-    """Whether the system is the cause: a full or failing disk, missing rights, a wrong path."""
-    return error.errno in _MACHINES
+    of_system = isinstance(error, OSError) and error.errno in _MACHINES
+    return of_system or isinstance(error, HlpError)

@@ -151,18 +151,20 @@ def parse_json(text: str, where: str) -> Any:
 
     try:
         content = json.loads(text, object_pairs_hook=distinct, parse_constant=_no_number)
-    except RecursionError as error:
-        raise _too_deep(where) from error
+        level: list[Any] = [[content]]
+        for _ in range(_DEEPEST + 1):
+            held = (outer.values() if isinstance(outer, dict) else outer for outer in level)
+            level = [inner for own in held for inner in own if isinstance(inner, dict | list)]
+            if not level:
+                return content
+        raise RecursionError
+    except RecursionError as error:  # Python's, or more than any file has
+        problem = f"is nested deeper than {_DEEPEST} levels: no file of this kind is"
+        raise DataError(f"{where} {problem}") from error
     except DataError:
         raise
     except ValueError as error:
         raise DataError(f"{where} is not JSON: {error}") from error
-    level: list[Any] = [content]
-    for _ in range(_DEEPEST):
-        level = [inner for outer in level for inner in _inner(outer)]
-        if not level:
-            return content
-    raise _too_deep(where)
 
 
 def parse_yaml(text: str, where: str) -> Any:
@@ -200,16 +202,6 @@ def expanded(path: str | Path) -> Path:
 
 def _no_number(name: str) -> None:
     raise ValueError(f"{name} is no value of JSON")
-
-
-def _inner(value: Any) -> list[Any]:
-    """The lists and objects that a list or object holds."""
-    held = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return [inner for inner in held if isinstance(inner, dict | list)]
-
-
-def _too_deep(where: str) -> DataError:
-    return DataError(f"{where} is nested deeper than {_DEEPEST} levels: no file of this kind is")
 
 
 def read_csv(path: Path, columns: Sequence[str], *, more: bool = False) -> list[dict[str, Any]]:

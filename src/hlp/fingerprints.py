@@ -22,7 +22,8 @@ import xxhash
 
 from hlp.folders import inside, own_files
 
-_SEAL = "checksum"
+SEAL = "checksum"
+"""The key of a sealed record's own checksum."""
 
 
 def file_checksum(path: Path) -> str:
@@ -63,24 +64,15 @@ def find_damaged(folder: Path, checksums: Mapping[str, str]) -> Iterator[str]:
 
 def sealed(record: Mapping[str, Any]) -> dict[str, Any]:
     """The record with a checksum of itself. Its values must be JSON's."""
-    return {**record, _SEAL: _record_checksum(record)}
-
-
-def is_sealed(record: Mapping[str, Any]) -> bool:
-    """Whether a record has a checksum, be it right or wrong."""
-    return _SEAL in record
+    text = json.dumps(record, sort_keys=True, separators=(",", ":"))
+    return {**record, SEAL: content_checksum(text.encode())}
 
 
 def seal_is_whole(record: object) -> bool:
     """Whether a value read from JSON is a record that `sealed` gave, unchanged."""
-    return isinstance(record, dict) and record.get(_SEAL) == _record_checksum(
-        {key: value for key, value in record.items() if key != _SEAL}
-    )
-
-
-def _record_checksum(record: Mapping[str, Any]) -> str:
-    text = json.dumps(record, sort_keys=True, separators=(",", ":"))
-    return content_checksum(text.encode())
+    if not isinstance(record, dict):
+        return False
+    return record == sealed({key: value for key, value in record.items() if key != SEAL})
 
 
 # Folders where installers put libraries. Other modules may be edited, so their source counts.
@@ -109,13 +101,13 @@ def code_of(*modules: str, leaving_out: tuple[str, ...] = ()) -> Code:
     Raises ModuleNotFoundError for a module without Python source.
     """
     sources, foreign = _closure(modules, leaving_out)
-    return Code(_digest(sources), _versions(foreign))
+    return Code(contents_digest(sources), _versions(foreign))
 
 
 @cache
 def source_digest(*modules: str) -> str:
     """The digest of the source alone, as in `code_of`, without looking up versions."""
-    return _digest(_closure(modules)[0])
+    return contents_digest(_closure(modules)[0])
 
 
 def _closure(
@@ -146,10 +138,10 @@ def _closure(
     return sources, foreign
 
 
-def _digest(sources: dict[str, bytes]) -> str:
+def contents_digest(contents: Mapping[str, bytes]) -> str:
     """16 hex digits, the same for the same names with the same content."""
     digest = hashlib.blake2b(digest_size=8)
-    for name, content in sorted(sources.items()):
+    for name, content in sorted(contents.items()):
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
     return digest.hexdigest()
 
@@ -159,24 +151,22 @@ def _top(module: str) -> str:
 
 
 @cache
-def _imports(module: str) -> tuple[str, ...]:
+def _imports(module: str) -> set[str]:
     """Full names of everything that a module's source imports, modules or not."""
     path, source = _source_file(module), _read(module)
     assert path is not None and source is not None
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    return tuple(dict.fromkeys(_imported(ast.parse(source), package)))
-
-
-def _imported(tree: ast.AST, package: str) -> Iterator[str]:
-    statements = [tree]  # without their expressions, in which nothing is imported
+    statements: list[ast.AST] = [ast.parse(source)]  # no expressions: they import nothing
+    names: set[str] = set()
     for node in statements:
         for part in ("body", "orelse", "finalbody", "handlers", "cases"):
             statements += getattr(node, part, ())
         if isinstance(node, ast.Import):
-            yield from (name.name for name in node.names)
+            names |= {name.name for name in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = resolve_name("." * node.level + (node.module or ""), package)
-            yield from (base, *(f"{base}.{name.name}" for name in node.names))
+            names |= {base, *(f"{base}.{name.name}" for name in node.names)}
+    return names
 
 
 @cache
@@ -220,13 +210,11 @@ def _may_be_edited(top: str) -> bool:
 
 def _versions(modules: Iterable[str]) -> dict[str, str]:
     """Versions of the distributions that contain the modules, and of Python."""
-    brought_by = _distributions()
+    brought_by = _brought_by()
     names = {name for module in modules for name in brought_by.get(module, ())}
     names |= {behind for name, behind in _BEHIND.items() if name in names}
     python = ".".join(map(str, sys.version_info[:2]))
     return {"python": python, **{name: version(name) for name in sorted(names)}}
 
 
-@cache
-def _distributions() -> dict[str, list[str]]:
-    return dict(packages_distributions())
+_brought_by = cache(packages_distributions)  # slow: it reads what each of them has installed

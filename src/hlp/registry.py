@@ -53,30 +53,25 @@ class Registry(Generic[T]):
         named like the alternative or in a package of that name, then in plug-ins. Raises
         ConfigError, which names `key` (default: the group) and the known names.
         """
-        if name not in self._known:
-            for _ in self._imported(name):
-                if name in self._known:
-                    break
-        if name not in self._known:
-            known = ", ".join(sorted(self._known))
-            raise ConfigError(f"{key or self.group}.name is '{name}': choose one of {known}")
+        imported = self._imported(name)
+        while name not in self._known:
+            if next(imported, None) is None:
+                known = ", ".join(sorted(self._known))
+                raise ConfigError(f"{key or self.group}.name is '{name}': choose one of {known}")
         return self._known[name]
 
     def alternatives(self) -> dict[str, type[T]]:
         """All settings classes by name, including those of plug-ins. Imports all their modules."""
-        for _ in self._imported(""):
-            pass
+        list(self._imported(""))
         return dict(sorted(self._known.items()))
 
-    def _imported(self, name: str) -> Iterator[None]:
+    def _imported(self, name: str) -> Iterator[str]:
         """Imports what may register the name, a module or plug-in a step, likely ones first."""
         package = import_module(self.package)
-        found = [
-            module.name for module in pkgutil.walk_packages(package.__path__, f"{self.package}.")
-        ]
-        for module in sorted(found, key=lambda module: name not in module.split(".")):
-            import_module(module)
-            yield
+        found = pkgutil.walk_packages(package.__path__, f"{self.package}.")
+        for module in sorted(found, key=lambda module: name not in module.name.split(".")):
+            import_module(module.name)
+            yield module.name
         from importlib.metadata import entry_points  # takes 20 ms and is rarely needed
 
         for plug_in in entry_points(group=f"hlp.{self.group}"):
@@ -85,7 +80,7 @@ class Registry(Generic[T]):
             except Exception as error:
                 error.add_note(f"while loading the plug-in {plug_in.value} ({plug_in.group})")
                 raise
-            yield
+            yield plug_in.name
 
 
 def _path(kind: type) -> str:

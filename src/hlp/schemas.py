@@ -6,7 +6,6 @@ that of Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP to
 not named here are not read.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, make_dataclass
 from types import GenericAlias
 from typing import Annotated, Any
@@ -213,18 +212,8 @@ def several(kind: Any, count: int | None = None) -> Any:
     return listed if count is None else Annotated[listed, Len(count, count)]
 
 
-Scene = dict[str, Any]
-"""A scene's file: an entry for each frame, which is checked when the frame is."""
-Truths = list[TruthEntry]
-Infos = list[InfoEntry]
-Targets = list[TargetRow]
-ModelInfos = dict[str, ModelInfo]
-Names = dict[str, str]
-
-
-def whole_ids(names: Sequence[str]) -> list[int]:
-    """Ids that are keys of an object, as numbers. Raises ValueError for another key."""
-    for name in names:
-        if not (name.isascii() and name.isdecimal()) or str(int(name)) != name:
-            raise ValueError(f"the key {name!r} is not an id: it must be a whole number from 0")
-    return [int(name) for name in names]
+def whole_id(name: str) -> int:
+    """An id that is the key of an object, as a number. Raises ValueError for another key."""
+    if not (name.isascii() and name.isdecimal()) or str(int(name)) != name:
+        raise ValueError(f"the key {name!r} is not an id: it must be a whole number from 0")
+    return int(name)

@@ -42,6 +42,7 @@ from hlp.registry import Registry as Registry
 T = TypeVar("T")
 
 Count = Annotated[int, Ge(1)]
+WholeNumber = Annotated[int, Ge(0)]
 NotNegative = Annotated[float, Ge(0)]
 Positive = Annotated[float, Gt(0)]
 Share = Annotated[float, Interval(ge=0, le=1)]
@@ -49,7 +50,6 @@ _MISSING = dataclasses.MISSING
 _LONGEST = 60  # characters of a value or of a list of keys that a message shows
 _MOST = 1e6  # of a number whose field states no upper bound: no sound value comes near
 _MOST_OF_UNITS = {"_deg": 360, "_mm": 1e5, "_cm": 1e4, "_px": 1e5}
-_A_MAPPING = "a mapping of keys to values"
 _PLAIN: dict[Any, tuple[Any, str]] = {
     bool: ((bool,), "true or false"),
     int: ((numbers.Integral,), "a whole number"),
@@ -88,8 +88,8 @@ class Settings:
     def __post_init__(self) -> None:
         """Raise SettingsError naming the first field of a wrong type or out of range."""
         for name, kind in _fields(cast(Any, type(self))).items():
-            unit = next((unit for unit in _MOST_OF_UNITS if name.endswith(unit)), "")
-            _fitted(kind, getattr(self, name), name, _MOST_OF_UNITS.get(unit, _MOST))
+            limits = (most for unit, most in _MOST_OF_UNITS.items() if name.endswith(unit))
+            _fitted(kind, getattr(self, name), name, next(limits, _MOST))
 
 
 class Stored(Settings):
@@ -103,7 +103,27 @@ def read_settings(kind: type[T], values: Mapping[str, Any], key: str = "") -> T:
     defaults. If a field's type names a registry, the value's `name` chooses the class. `key` is the
     path of the values, used in messages. Raises SettingsError.
     """
-    return cast(T, _read_record(kind, values, key))
+    record: Any = kind  # a dataclass, which its type does not say
+    given, kinds = _mapping(values, key), _fields(record)
+    stored = issubclass(kind, Stored)
+    if stored:
+        given = {name: given[name] for name in kinds if name in given}
+    for name in given:
+        if name not in kinds:
+            alike = get_close_matches(name, kinds, n=1, cutoff=0.7)
+            known = _cut(", ".join(kinds))
+            instead = f"did you mean {alike[0]}?" if alike else f"there are {known}"
+            raise SettingsError(_join(key, name), f"is not a key: {instead}")
+    for field in dataclasses.fields(record):
+        required = field.default is _MISSING and field.default_factory is _MISSING
+        if required and field.name not in given:
+            missing = _join(key, field.name)
+            raise SettingsError(missing, "is missing") if stored else _not_set(missing)
+    read = {name: _fitted(kinds[name], inner, _join(key, name)) for name, inner in given.items()}
+    try:
+        return kind(**read)
+    except SettingsError as error:
+        raise SettingsError(_join(key, error.key), error.problem) from error
 
 
 def stored_as(kind: type[T], content: Any, where: str) -> T:
@@ -152,8 +172,6 @@ def _type_of(hint: Any) -> _Type:
             if isinstance(fact, Len):  # a list of that many
                 bare = bare._replace(parts=bare.parts[:1] * fact.min_length)
         return bare._replace(facts=facts, bounds=tuple(bounds))
-    if origin is types.UnionType:
-        origin = Union
     if origin is not Literal:
         parts = tuple(part if part is Ellipsis else _type_of(part) for part in parts)
     return _Type(hint, origin, parts, is_record=dataclasses.is_dataclass(hint))
@@ -184,12 +202,12 @@ def _fitted(kind: _Type, value: Any, key: str, most: float = math.inf) -> Any:
     fitted = value
     if kind.is_record:
         if not isinstance(value, kind.hint):
-            fitted = _read_record(kind.hint, value, key)
+            fitted = read_settings(kind.hint, value, key)
     elif origin is None:
         fitted = _plain(kind.hint, value, key, most)
     elif origin is Literal and value not in parts:
         raise _wrong(key, value, " or ".join(map(repr, parts)))
-    elif origin is Union:
+    elif origin in (Union, types.UnionType):
         fitted = _one_of(parts, value, key, most)
     elif origin is dict:
         items = _mapping(value, key).items()
@@ -205,14 +223,13 @@ def _fitted(kind: _Type, value: Any, key: str, most: float = math.inf) -> Any:
 
 def _items(parts: tuple[Any, ...], value: Any, key: str, most: float) -> list[Any]:
     if not isinstance(value, tuple | list):
-        raise _wrong(key, value, "a list", "a list")
+        raise _wrong(key, value, "a list", is_kind=True)
     repeated = len(parts) == 1 or parts[1] is Ellipsis
-    if not repeated and len(parts) != len(value):
-        raise _wrong(key, value, f"a list of {len(parts)}")
-    return [
-        _fitted(parts[0 if repeated else place], item, _join(key, str(place)), most)
-        for place, item in enumerate(value)
-    ]
+    kinds = parts[:1] * len(value) if repeated else parts
+    if len(kinds) != len(value):
+        raise _wrong(key, value, f"a list of {len(kinds)}")
+    places = enumerate(zip(kinds, value, strict=True))
+    return [_fitted(kind, item, _join(key, str(place)), most) for place, (kind, item) in places]
 
 
 def _plain(hint: Any, value: Any, key: str, most: float) -> Any:
@@ -220,7 +237,7 @@ def _plain(hint: Any, value: Any, key: str, most: float) -> Any:
     if type(value) is not hint:  # mostly it is; lists of targets have thousands
         kinds, words = _PLAIN.get(hint, (object, ""))
         if not isinstance(value, kinds) or (is_number and isinstance(value, bool)):
-            raise _wrong(key, value, words, words)
+            raise _wrong(key, value, words, is_kind=True)
     if not is_number:
         return value
     if not abs(value) <= sys.float_info.max:
@@ -242,10 +259,11 @@ def _one_of(parts: tuple[_Type, ...], value: Any, key: str, most: float) -> Any:
         if problem.key != key or not problem.kind:
             raise problem
     kinds = " or ".join(problem.kind for problem in problems)
-    raise _wrong(key, value, kinds, kinds)
+    raise _wrong(key, value, kinds, is_kind=True)
 
 
-def _wrong(key: str, value: Any, expected: str, kind: str = "") -> SettingsError:
+def _wrong(key: str, value: Any, expected: str, is_kind: bool = False) -> SettingsError:
+    kind = expected if is_kind else ""
     return SettingsError(key, f"is {shown(value)}: it must be {expected}", kind)
 
 
@@ -253,38 +271,13 @@ def _chosen(registry: Registry[Any], value: Any, key: str) -> Any:
     named = _mapping(value, key)
     if "name" not in named:
         raise _not_set(_join(key, "name"))
-    return _read_record(registry.find(str(named["name"]), key), named, key)
-
-
-def _read_record(kind: type, value: Any, key: str) -> Any:
-    given, kinds = _mapping(value, key), _fields(kind)
-    stored = issubclass(kind, Stored)
-    if stored:
-        given = {name: given[name] for name in kinds if name in given}
-    for name in given:
-        if name not in kinds:
-            raise SettingsError(_join(key, name), f"is not a key: {_instead(name, list(kinds))}")
-    for field in dataclasses.fields(kind):
-        required = field.default is _MISSING and field.default_factory is _MISSING
-        if required and field.name not in given:
-            missing = _join(key, field.name)
-            raise SettingsError(missing, "is missing") if stored else _not_set(missing)
-    read = {name: _fitted(kinds[name], inner, _join(key, name)) for name, inner in given.items()}
-    try:
-        return kind(**read)
-    except SettingsError as error:
-        raise SettingsError(_join(key, error.key), error.problem) from error
+    return read_settings(registry.find(str(named["name"]), key), named, key)
 
 
 def _mapping(value: Any, key: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise _wrong(key, value, _A_MAPPING, _A_MAPPING)
+        raise _wrong(key, value, "a mapping of keys to values", is_kind=True)
     return value
-
-
-def _instead(name: str, known: list[str]) -> str:
-    alike = get_close_matches(name, known, n=1, cutoff=0.7)
-    return f"did you mean {alike[0]}?" if alike else f"there are {_cut(', '.join(known))}"
 
 
 def _cut(text: str) -> str:

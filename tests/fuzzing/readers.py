@@ -122,7 +122,7 @@ def _read_scene(folder: Path) -> None:
 
 def _read_models(folder: Path) -> None:
     path = folder / "models_info.json"
-    for info in read_as(path, schemas.ModelInfos).values():
+    for info in read_as(path, dict[str, schemas.ModelInfo]).values():
         assert np.isfinite(symmetry_motions(info, 8, str(path))).all()
 
 

@@ -9,9 +9,8 @@ from hlp.runs import learnt_cache
 def cache(tmp_path):
     for name in ("bolt", "two"):
         folder = tmp_path / "objects" / name
-        folder.mkdir(parents=True)
-        (folder / "big").write_bytes(bytes(1000))
         write_record(folder, LearntRecord({name: 1}, (1,), MethodSettings()))
+        (folder / "big").write_bytes(bytes(1000))
     return learnt_cache.cache_folder(str(tmp_path))
 
 
@@ -34,7 +33,8 @@ def test_a_damaged_entry_is_listed_and_can_be_removed(cache):
     assert learnt_cache.remove_learnt("bolt", cache) == cache / "bolt"
 
 
-def test_only_entries_of_the_cache_are_removed(cache, tmp_path):
+def test_only_entries_of_the_cache_are_removed_from_wherever_one_is(cache, monkeypatch):
+    monkeypatch.chdir(cache)
     for wrong in (str(cache / "bolt"), "..", "../objects"):
         with pytest.raises(ValueError, match="is not a name"):
             learnt_cache.remove_learnt(wrong, cache)

@@ -48,7 +48,7 @@ def load_object_models(
         path = _mesh_path(root, name, settings.id)
         listed = path.parent / _INFO
         content = read_json(listed) if listed.is_file() else {}
-        infos = stored_as(schemas.ModelInfos, content, str(listed))
+        infos = stored_as(dict[str, schemas.ModelInfo], content, str(listed))
         info = infos.get(str(settings.id), schemas.ModelInfo())
         diameter = None if info.diameter is None else info.diameter * MILLIMETRE
         where = f"{listed}, object {settings.id}"
@@ -126,7 +126,7 @@ def name_objects(root: Path, object_ids: Iterable[int]) -> dict[str, ObjectSetti
     names: dict[str, str] = {}
     for folder in _FOLDERS:
         if not names and (path := root / folder / _NAMES).is_file():
-            names = read_as(path, schemas.Names)
+            names = read_as(path, dict[str, str])
             for name in names.values():
                 if not _NAME.fullmatch(name):
                     raise DataError(f"{path}: {name!r} cannot name an object")

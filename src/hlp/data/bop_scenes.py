@@ -35,7 +35,7 @@ class Scene:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._read = cache(lambda name: read_as(folder / name, schemas.Scene))
+        self._read = cache(lambda name: read_as(folder / name, dict[str, Any]))  # by frame
 
     @property
     def annotated(self) -> bool:
@@ -48,7 +48,7 @@ class Scene:
         numbers: set[int] = set()
         for name in (CAMERA, TRUTH) if self.annotated else (CAMERA,):
             try:
-                numbers |= {*schemas.whole_ids([*self._read(name)])}
+                numbers |= {*map(schemas.whole_id, self._read(name))}
             except ValueError as error:
                 raise DataError(f"{self._folder / name}: {error}") from error
         return tuple(sorted(numbers))
@@ -80,8 +80,8 @@ class Scene:
         self, frame_id: int
     ) -> tuple[list[schemas.TruthEntry], list[schemas.InfoEntry]]:
         """The annotated instances, and in their order what is stated beside poses, if any."""
-        entries = stored_as(schemas.Truths, *self._entry(TRUTH, frame_id))
-        return entries, stored_as(schemas.Infos, *self._entry(_INFO, frame_id))
+        entries = stored_as(list[schemas.TruthEntry], *self._entry(TRUTH, frame_id))
+        return entries, stored_as(list[schemas.InfoEntry], *self._entry(_INFO, frame_id))
 
     def is_broken(self, frame_id: int) -> bool:
         """Whether there are annotations of a frame that cannot be read."""
@@ -180,7 +180,7 @@ def list_targets(
         frames = [(number, frame) for number, scene in scenes.items() for frame in scene.frame_ids]
         return {frame: _visible(scenes, frame, min_visible) for frame in frames}
     targets: dict[FrameId, dict[int, int]] = {}
-    for row in read_as(targets_file, schemas.Targets):
+    for row in read_as(targets_file, list[schemas.TargetRow]):
         counts = targets.setdefault((row.scene_id, row.im_id), {})
         if row.obj_id is not None:
             if row.obj_id in counts:

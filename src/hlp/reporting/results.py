@@ -14,7 +14,7 @@ from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, TIMES, parse_yaml, read_
 from hlp.folders import found_below
 from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
 from hlp.results.recalls import TargetKey, read_summary
-from hlp.settings import Stored, read_as, shown
+from hlp.settings import Stored, read_as, stored_as
 
 
 @dataclass(frozen=True)
@@ -87,14 +87,12 @@ class Result:
     @property
     def add(self) -> Mapping[str, Any]:
         """`recall` by ADD(-S) and its interval `ci95`."""
-        metric: Mapping[str, Any] = self.summary["metrics"]["add"]
-        return metric
+        return dict(self.summary["metrics"]["add"])
 
     @property
     def total_ms(self) -> Mapping[str, float]:
         """`median` and `p95` of the time of one object in one frame (ms)."""
-        times: Mapping[str, float] = self.summary["timing_ms"]["total"]
-        return times
+        return dict(self.summary["timing_ms"]["total"])
 
 
 def result_folders(root: Path) -> list[Path]:
@@ -152,6 +150,5 @@ def _overrides(folder: Path) -> list[str]:
         given = parse_yaml(path.read_text(encoding="utf-8"), str(path)) if path.is_file() else []
     except UnicodeDecodeError as error:
         raise DataError(f"{path} is not in UTF-8 ({error.reason})") from error
-    if not isinstance(given, list) or not all(isinstance(word, str) for word in given):
-        raise DataError(f"{path} is {shown(given)}: it must be a list of overrides")
-    return [word for word in given if not word.startswith("output=")]
+    overrides = stored_as(list[str], given, str(path))
+    return [word for word in overrides if not word.startswith("output=")]

@@ -6,7 +6,7 @@ call with the same request continues after them.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import takewhile
 from pathlib import Path
@@ -19,7 +19,7 @@ from hlp.files import POSES, read_csv, replaced, write_csv, write_text
 from hlp.folders import locked
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate, TargetScore
-from hlp.schemas import exact_rotation, number, whole_ids
+from hlp.schemas import exact_rotation, number, whole_id
 
 POSE_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 
@@ -71,7 +71,7 @@ def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
         rotation = np.array([number(word) for word in row["R"].split()]).reshape(3, 3)
         millimetres = np.array([number(word) for word in row["t"].split()]).reshape(3)
         score, time = number(row["score"]), number(row["time"])
-        scene, image, object_id = (_id(row[key]) for key in POSE_COLUMNS[:3])
+        scene, image, object_id = (whole_id(row[key]) for key in POSE_COLUMNS[:3])
     except ValueError as error:
         raise DataError(f"{where}: no pose in BOP's format ({error})") from error
     if not np.isfinite([*rotation.ravel(), *millimetres, score, time]).all():
@@ -86,21 +86,12 @@ def _numbers(values: Any) -> str:
     return " ".join(repr(float(value)) for value in np.ravel(values))
 
 
-def _id(text: str) -> int:
-    (found,) = whole_ids([text])
-    return found
-
-
 def _share(text: str) -> float:
     """A number from 0 to 1, or nan where it was not computed."""
     share = number(text)
     if share < 0.0 or share > 1.0:
         raise ValueError(f"{text} is not between 0 and 1")
     return share
-
-
-def _verdict(text: str) -> bool:
-    return {"0": False, "1": True}[text]
 
 
 def _size(text: str) -> float:
@@ -111,8 +102,8 @@ def _size(text: str) -> float:
 
 
 _Column = tuple[str, Callable[[Any], int | float | str], Callable[[str], int | float | str]]
-_WHOLE, _NUMBER, _TEXT = (int, _id), (float, _share), (str, str)
-_VERDICT = (int, _verdict)
+_WHOLE, _NUMBER, _TEXT = (int, whole_id), (float, _share), (str, str)
+_VERDICT = (int, {"0": False, "1": True}.__getitem__)
 _LENGTH = (
     lambda metres: float(metres * MILLIMETRES_PER_METRE),
     lambda text: _size(text) / MILLIMETRES_PER_METRE,
@@ -208,7 +199,7 @@ class AnswersFile:
         (folder / JSON).unlink(missing_ok=True)
         (folder / _REQUEST).unlink(missing_ok=True)
         write_text(folder / LINES, "".join(f"{json.dumps(answer)}\n" for answer in kept))
-        write_text(folder / POSES, "".join([",".join(POSE_COLUMNS) + "\n", *self._own(rows)]))
+        write_text(folder / POSES, "".join(f"{row}\n" for row in (",".join(POSE_COLUMNS), *rows)))
         write_text(folder / _REQUEST, request)
         self._csv, self._lines = (
             self._opened.enter_context((folder / name).open("a", encoding="utf-8"))
@@ -234,7 +225,7 @@ class AnswersFile:
             self._csv.flush()
 
     def _kept(self, request: str) -> tuple[list[dict[str, Any]], list[str]]:
-        """The answers of a stopped call that are to stay, and all rows of its CSV."""
+        """The answers of a stopped call that are to stay, and the rows of their frames."""
         try:
             if not request or (self._folder / _REQUEST).read_text("utf-8") != request:
                 return [], []
@@ -243,14 +234,9 @@ class AnswersFile:
         except (OSError, UnicodeDecodeError):
             return [], []
         found = [*takewhile(bool, map(_answer, lines))]
-        return [answer for answer in found if _ids(answer) != _ids(found[-1])], rows
-
-    def _own(self, rows: Sequence[str]) -> Iterator[str]:
-        """The rows of those frames that are answered."""
-        names = {f"{scene},{image}" for scene, image in self.answered}
-        for row in rows:
-            if ",".join(row.split(",", 2)[:2]) in names:
-                yield f"{row}\n"
+        kept = [answer for answer in found if _ids(answer) != _ids(found[-1])]
+        frames = {"{},{}".format(*_ids(answer)) for answer in kept}
+        return kept, [row for row in rows if ",".join(row.split(",", 2)[:2]) in frames]
 
     def _write_json(self) -> None:
         """One document made line by line, since there may be a great many."""

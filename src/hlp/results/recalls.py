@@ -4,20 +4,20 @@ The 95 % intervals, also of differences, are over targets that are not independe
 """
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, Union
+from typing import Any, Union
 
 import numpy as np
-from annotated_types import Ge
 from jaxtyping import Bool, Float, Int
 
 from hlp.errors import DataError
 from hlp.files import read_csv, read_json, write_csv
 from hlp.records import TargetScore
 from hlp.schemas import by_name, record, several
-from hlp.settings import Count, NotNegative, Share, stored_as
+from hlp.settings import Count, NotNegative, Share, WholeNumber, stored_as
 
 Summary = dict[str, Any]
 
@@ -30,21 +30,23 @@ METRICS: dict[str, Callable[[TargetScore], bool]] = {
 }
 """Name of each metric in `summary.json`, and the verdict of a score that it counts."""
 
-_WHOLE, _SHARE, _LONG = Annotated[int, Ge(0)], Share | None, NotNegative | None
-_COUNTS, _MANY = by_name(_WHOLE), several(Share)
+_SHARE, _LONG = Share | None, NotNegative | None
+_COUNTS, _MANY = by_name(WholeNumber), several(Share)
 INTERVAL = record(recall=Share, ci95=several(float, 2))
 """A recall and its 95 % interval."""
 _STATED = record(
     targets=Count,
     metrics=by_name(record(recall=Share, ci95=several(float, 2), mean_object=Share)),
-    per_object=by_name(by_name(Union[_WHOLE, INTERVAL])),  # noqa: UP007
+    per_object=by_name(by_name(Union[WholeNumber, INTERVAL])),  # noqa: UP007
     bop=record(ar=_SHARE, vsd=_SHARE, mssd=_SHARE, mspd=_SHARE),
     calibration=record(
-        answers=_WHOLE, ece=_SHARE, aurc=_SHARE, reliability=several(several(float, 3))
+        answers=WholeNumber, ece=_SHARE, aurc=_SHARE, reliability=several(several(float, 3))
     ),
-    false_alarms=record(searched=_WHOLE, alarms=_WHOLE, min_score=Share, rate=_SHARE, scores=_MANY),
+    false_alarms=record(
+        searched=WholeNumber, alarms=WholeNumber, min_score=Share, rate=_SHARE, scores=_MANY
+    ),
     timing=record(
-        frames=_WHOLE,
+        frames=WholeNumber,
         reused_stages=several(str),
         first_use_seconds=_LONG,
         cpu_ms=_LONG,
@@ -89,18 +91,11 @@ def average_recalls(scores: Sequence[TargetScore]) -> dict[str, float | None]:
     BOP Challenge 2020, Sec. 2.2.
     """
     recalls = {
-        "vsd": _mean_or_none([score.vsd_recall for score in scores]),
-        "mssd": _mean_or_none([score.mssd_recall for score in scores]),
-        "mspd": _mean_or_none([score.mspd_recall for score in scores]),
+        name: np.mean([getattr(score, f"{name}_recall") for score in scores])
+        for name in ("vsd", "mssd", "mspd")
     }
-    known = [value for value in recalls.values() if value is not None]
-    complete = len(known) == len(recalls)
-    return {"ar": float(np.mean(known)) if complete else None, **recalls}
-
-
-def _mean_or_none(values: Sequence[float]) -> float | None:
-    mean = float(np.mean(values))
-    return None if np.isnan(mean) else mean
+    means = {"ar": np.mean([*recalls.values()]), **recalls}
+    return {name: None if np.isnan(mean) else float(mean) for name, mean in means.items()}
 
 
 FILE = "targets.csv"
@@ -117,12 +112,8 @@ def numbered_targets(targets: Iterable[tuple[int, int, int]]) -> list[TargetKey]
 
     Several instances of an object in an image are told apart by that order.
     """
-    instances: Counter[tuple[int, int, int]] = Counter()
-    keys: list[TargetKey] = []
-    for target in targets:
-        keys.append((*target, instances[target]))
-        instances[target] += 1
-    return keys
+    instances: dict[tuple[int, int, int], Iterator[int]] = defaultdict(count)
+    return [(*target, next(instances[target])) for target in targets]
 
 
 def add_verdicts(scores: Sequence[TargetScore]) -> dict[TargetKey, float]:

@@ -95,8 +95,8 @@ def remove_learnt(name: str, cache: Path) -> Path:
     """
     if Path(name).name != name or name in {"", ".", ".."}:
         raise InputError(f"{name} is not a name in {cache}: delete other folders yourself")
-    folder = find_learnt(name, cache) if (cache / name / RECORD).is_file() else None
-    if folder is None or folder.parent != cache:
+    folder = cache / name
+    if not (folder / RECORD).is_file():
         raise MissingFileError(f"{cache} holds no {name}; it holds {_names(cache)}")
     hidden = tempfile.mkdtemp(prefix=_REMOVED, dir=cache)  # a killed call leaves no half of it
     folder.rename(Path(hidden, name))

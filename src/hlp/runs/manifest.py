@@ -74,11 +74,9 @@ def is_finished(run: "Run", output: Path) -> bool:
     """
     if not (output / MANIFEST).is_file():
         return False
-    manifest = read_manifest(output / MANIFEST)
-    return all(
-        _without_output(manifest.get(key)) == _without_output(value)
-        for key, value in made_from(run).items()
-    )
+    recorded, found = read_manifest(output / MANIFEST), json.loads(json.dumps(made_from(run)))
+    recorded["config"]["output"] = found["config"]["output"] = None
+    return bool({key: recorded.get(key) for key in found} == found)
 
 
 def poses_digest(path: Path) -> str:
@@ -87,12 +85,6 @@ def poses_digest(path: Path) -> str:
     for row in read_csv(path, POSE_COLUMNS):
         digest.update(json.dumps({**row, "time": ""}, sort_keys=True).encode() + b"\n")
     return digest.hexdigest()
-
-
-def _without_output(value: Any) -> Any:
-    """A part of a manifest as it is in JSON, without the run's own folder."""
-    plain = json.loads(json.dumps(value))
-    return {**plain, "output": None} if isinstance(plain, dict) else plain
 
 
 _NAME = re.compile(r"[\w][\w .+-]*")

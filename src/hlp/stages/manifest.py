@@ -11,7 +11,6 @@ import re
 import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 from importlib.metadata import distribution, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +21,7 @@ from annotated_types import Ge, Le
 import hlp
 from hlp.errors import DataError
 from hlp.files import read_json
-from hlp.fingerprints import Code, code_of
+from hlp.fingerprints import Code, code_of, contents_digest
 from hlp.settings import Stored, stored_as
 
 # It collects the settings of the whole method. Their values are in each fingerprint already, and
@@ -71,8 +70,6 @@ def plain(value: Any) -> Any:
 def _as_json(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, Enum):
-        return value.value
     if isinstance(value, Path):
         return value.as_posix()
     if isinstance(value, Mapping):
@@ -81,6 +78,9 @@ def _as_json(value: Any) -> Any:
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return {"class": type(value).__name__, "fields": fields}
     raise TypeError(f"{value!r} is no plain value, as settings are")
+
+
+MakingTime = Annotated[float, Ge(0), Le(1e9)]  # seconds
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class StageEvent(Stored):
     of: str = ""
     fingerprint: str = ""
     reused: bool = False
-    seconds: Annotated[float, Ge(0), Le(1e9)] = 0.0
+    seconds: MakingTime = 0.0
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
@@ -171,11 +171,9 @@ def processor() -> dict[str, str]:
 def code_digest() -> str:
     """Digest (16 hex digits) of all of HLP's Python files as they are on disk now."""
     package = Path(hlp.__file__).parent
-    digest = hashlib.blake2b(digest_size=8)
-    for source in sorted(package.rglob("*.py")):
-        digest.update(source.relative_to(package).as_posix().encode() + b"\0")
-        digest.update(source.read_bytes() + b"\0")
-    return digest.hexdigest()
+    return contents_digest(
+        {path.relative_to(package).as_posix(): path.read_bytes() for path in package.rglob("*.py")}
+    )
 
 
 def git_revision() -> str | None:

@@ -19,32 +19,26 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import FileIO
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from annotated_types import Ge, Le
 from filelock import FileLock, Timeout
 
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.files import read_json, remove_unfinished, write_json
 from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.folders import lock_file, own_files
-from hlp.settings import Stored, stored_as
+from hlp.schemas import by_name, record
+from hlp.settings import stored_as
 from hlp.stages import STEPS
-from hlp.stages.manifest import StageEvent, library_versions, named_outputs, plain
+from hlp.stages.manifest import MakingTime, StageEvent, library_versions, named_outputs, plain
 
 RECORD, IN_USE = "stage.json", ".in-use"
 PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class _Record(Stored):
-    """stage.json of a finished output; `files` are checksums by path, `seconds` that it took."""
-
-    stage: str
-    fingerprint: str
-    seconds: Annotated[float, Ge(0), Le(1e9)]
-    files: dict[str, str]
+_RECORD = record(stage=str, fingerprint=str, seconds=MakingTime, files=by_name(str))
+"""stage.json of a finished output; `files` are checksums by path, `seconds` that it took."""
 
 
 @dataclass(frozen=True)
@@ -169,36 +163,32 @@ class StageStore:
 
     @contextmanager
     def _making(self, folder: Path, description: Mapping[str, Any]) -> Iterator[Path]:
-        partial = _cleared(folder.with_name(folder.name + PARTIAL))
-        record = {
-            "stage": folder.parent.name,
+        partial, stage = _cleared(folder.with_name(folder.name + PARTIAL)), folder.parent.name
+        made = {
+            "stage": stage,
             "fingerprint": folder.name,
             **plain(description),
             "versions": library_versions(),
         }
-        begun = time.perf_counter()
-        self._announce(folder.parent.name)
-        try:
-            partial.mkdir(exist_ok=True)
-            yield partial
-            record["seconds"] = round(time.perf_counter() - begun, 3)
-            record["made_at"] = datetime.now(UTC).isoformat(timespec="seconds")
-            remove_unfinished(partial)
-            record["files"] = folder_checksums(partial, leaving_out=(RECORD,))
-            write_json(partial / RECORD, sealed(record))
-            _flush(partial)
-            partial.rename(folder)
-        except BaseException as error:
-            error.add_note(f"while making {folder.parent.name} in {partial}")
-            raise
-        self._verified[folder] = record
-
-    def _announce(self, stage: str) -> None:
-        """Say once what a stage is for, before its first output is made."""
-        if stage in STEPS and stage not in self._announced:
+        if stage in STEPS and stage not in self._announced:  # what a stage is for is said once
             self._announced.add(stage)
             number = [*STEPS].index(stage) + 1
             _logger.info("step %d of %d, %s: %s", number, len(STEPS), stage, STEPS[stage])
+        begun = time.perf_counter()
+        try:
+            partial.mkdir(exist_ok=True)
+            yield partial
+            made["seconds"] = round(time.perf_counter() - begun, 3)
+            made["made_at"] = datetime.now(UTC).isoformat(timespec="seconds")
+            remove_unfinished(partial)
+            made["files"] = folder_checksums(partial, leaving_out=(RECORD,))
+            write_json(partial / RECORD, sealed(made))
+            _flush(partial)
+            partial.rename(folder)
+        except BaseException as error:
+            error.add_note(f"while making {stage} in {partial}")
+            raise
+        self._verified[folder] = made
 
     def _note(self, folder: Path, of: str, *, reused: bool) -> None:
         """Add an event for an output that was verified or made."""
@@ -234,14 +224,12 @@ def _only_one(folder: Path) -> Iterator[None]:
         _put_aside(path, f"{path} is no lock")
     lock = FileLock(path)
     try:
-        lock.acquire(timeout=0)
+        held = lock.acquire(timeout=0)
     except Timeout:
         _logger.info("waiting for another run that makes %s %s", folder.parent.name, folder.name)
-        lock.acquire()
-    try:
+        held = lock.acquire()
+    with held:
         yield
-    finally:
-        lock.release()
 
 
 def _put_aside(path: Path, problem: str) -> None:
@@ -277,15 +265,15 @@ def _verify(folder: Path) -> Mapping[str, Any]:
     if not path.is_file():
         raise DataError(f"{folder} is not a finished output: it has no {RECORD}")
     own_files(folder)
-    record = read_json(path)
-    if not seal_is_whole(record):
+    content = read_json(path)
+    if not seal_is_whole(content):
         raise DataError(f"{path} is damaged, or from an earlier version of HLP")
-    stated = stored_as(_Record, record, str(path))
+    stated = stored_as(_RECORD, content, str(path))
     if (stated.stage, stated.fingerprint) != (folder.parent.name, folder.name):
         raise DataError(f"{folder} is an output of another name")
     for name in find_damaged(folder, stated.files):
         raise DataError(f"{folder / name} is missing or damaged")
-    return dict(record)
+    return dict(content)
 
 
 def _flush(folder: Path) -> None:

@@ -18,19 +18,16 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
-
-from annotated_types import Ge
 
 from hlp.codebook.entries import load_codebook
 from hlp.codebook.neighbours import is_joint
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, write_json
 from hlp.fingerprints import (
+    SEAL,
     content_checksum,
     find_damaged,
     folder_checksums,
-    is_sealed,
     seal_is_whole,
     sealed,
 )
@@ -42,7 +39,7 @@ from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel
 from hlp.refinement.score_model import ScoreModel, load_score_model
-from hlp.settings import Stored, stored_as
+from hlp.settings import Stored, WholeNumber, stored_as
 
 FORMAT = 8
 RECORD = "learnt.json"
@@ -62,8 +59,8 @@ class LearntRecord(Stored):
     `files` are the checksums of all files by path; a folder that is being made has none yet.
     """
 
-    objects: dict[str, Annotated[int, Ge(0)]]
-    classes: tuple[Annotated[int, Ge(0)], ...]
+    objects: dict[str, WholeNumber]
+    classes: tuple[WholeNumber, ...]
     settings: MethodSettings
     files: dict[str, str] = field(default_factory=dict)
 
@@ -93,7 +90,7 @@ def read_record(folder: Path) -> LearntRecord:
         raise DamagedError(f"{error}: {_AGAIN}") from error
     fields = content if isinstance(content, dict) else {}
     known = fields.get("format") == FORMAT
-    if (known or is_sealed(fields)) and not seal_is_whole(fields):
+    if (known or SEAL in fields) and not seal_is_whole(fields):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
     if not known:
         raise DataError(

@@ -3,20 +3,19 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Gt
 from jaxtyping import Float
 
 from hlp.errors import DataError
-from hlp.files import read_csv, read_json, read_npz, write_json
+from hlp.files import read_csv, read_npz, write_json
 from hlp.method.settings import MachineSettings
 from hlp.models.network import Network, load_network
 from hlp.records import ColorGrid, Mesh, ObjectModel, Texture
 from hlp.rendering.surface import color_grid
-from hlp.settings import Stored, stored_as
+from hlp.settings import Positive, Stored, WholeNumber, read_as
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -33,12 +32,12 @@ _MESH_FIELDS = ("vertices", "faces", "colors", "normals")
 class _LearntObject(Stored):
     """What `object.json` must say (metres)."""
 
-    id: Annotated[int, Ge(0)]
+    id: WholeNumber
     name: str
     colored: bool
-    diameter: Annotated[float, Gt(0)]
-    holistic_size: Annotated[float, Gt(0)]
-    local_size: Annotated[float, Gt(0)]
+    diameter: Positive
+    holistic_size: Positive
+    local_size: Positive
 
 
 def write_model(folder: Path, model: ObjectModel) -> None:
@@ -66,7 +65,7 @@ def write_model(folder: Path, model: ObjectModel) -> None:
 
 def read_model(folder: Path) -> ObjectModel:
     """Read what `write_model` wrote. Raises MissingFileError, DataError naming a damaged file."""
-    stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
+    stated = read_as(folder / _OBJECT, _LearntObject)
     stored: dict[str, Any] = read_npz(folder / _MODEL)
     try:
         mesh, proxy = (
