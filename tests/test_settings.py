@@ -111,6 +111,7 @@ def test_what_is_left_out_has_its_default():
             "b.tool.weight is not a key: there are name, teeth",
         ),
         ({"tool": {"name": "saw", "teeths": 1}}, "b.tool.teeths is not a key: did you mean teeth?"),
+        ({"tool": {"name": "saw", 3: 4}}, "b.tool.3 is not a key: there are name, teeth"),
         ({"tool": {"name": "saw", "teeth": 7}}, "b.tool.teeth is 7: it must be even"),
         (
             {"more": {"x": {"name": "saw", "teeth": 0}}},

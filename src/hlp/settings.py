@@ -110,7 +110,7 @@ def read_settings(kind: type[T], values: Mapping[str, Any], key: str = "") -> T:
         given = {name: given[name] for name in kinds if name in given}
     for name in given:
         if name not in kinds:
-            alike = get_close_matches(name, kinds, n=1, cutoff=0.7)
+            alike = get_close_matches(str(name), kinds, n=1, cutoff=0.7)
             known = _cut(", ".join(kinds))
             instead = f"did you mean {alike[0]}?" if alike else f"there are {known}"
             raise SettingsError(_join(key, name), f"is not a key: {instead}")
