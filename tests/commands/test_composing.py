@@ -34,6 +34,14 @@ def test_options_stand_where_one_likes(
     assert yaml.safe_load(capsys.readouterr().out) == 7
 
 
+@pytest.mark.parametrize("wrong", ["frames=${absent}", "data=bop data.root=absent"])
+def test_a_run_that_never_began_leaves_no_folder(wrong: str, tmp_path: Path) -> None:
+    done = run_python(f"from hlp.cli import main; main(['run', *{wrong.split()}])", tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("hlp: ") and done.stderr.count("\n") == 1
+    assert not [*tmp_path.glob("outputs/*/*")]
+
+
 def test_options_that_exclude_each_other_are_named(capsys: Out) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["run", "--info", "config", "seed=1", "--multirun"])
