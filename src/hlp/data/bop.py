@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, Le
+from annotated_types import Ge, Le
 
 from hlp.arrays import Mask, spread
 from hlp.data.bop_models import (
@@ -46,7 +46,7 @@ from hlp.data.images import read_rgb, require_same_size
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ONLY, ObjectSettings, chosen_objects
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
-from hlp.settings import Doc
+from hlp.settings import Doc, Share
 
 
 @DATASETS.register
@@ -76,8 +76,7 @@ class BopSettings(FolderSettings):
         ),
     ] = AUTO
     min_visible: Annotated[
-        float,
-        Interval(ge=0, le=1),
+        Share,
         Doc("instances whose stated visible fraction is less are no targets (BOP's lists: 0.1)"),
     ] = 0.0
     search: Annotated[
@@ -232,16 +231,12 @@ class BopFrames(FileFrames):
 
     def identity(self) -> str:
         """Hash of images, cameras, poses and the list of targets, and of what is missing."""
-        frames: dict[int, list[int]] = {}
-        for scene_id, frame in self.targets:
-            frames.setdefault(scene_id, []).append(frame)
-        scenes = [(self._scenes.get(scene_id), ids) for scene_id, ids in frames.items()]
-        texts = [path for scene, _ in scenes if scene for path in scene.text_files]
+        scenes = {i: self._scenes[i] for i, _ in self.targets if i in self._scenes}
+        texts = [path for scene in scenes.values() for path in scene.text_files]
         images = [
-            scene.image(kinds, frame)
-            for scene, ids in scenes
-            if scene
-            for frame in ids
+            scenes[scene_id].image(kinds, frame)
+            for scene_id, frame in self.targets
+            if scene_id in scenes
             for kinds in (COLOR, DEPTH)
         ]
         return content_hash([*texts, *images], repr(list(self.targets.items())))

@@ -146,13 +146,11 @@ def _data(values: Any) -> Any:
 
 def _size(content: Mapping[str, Any], where: str) -> tuple[int, int] | None:
     for names in _SIZES:
-        width, height = (content.get(name) for name in names)
-        if (width, height) == (None, None):
-            continue
-        sides = [side for side in (width, height) if type(side) is int and 0 < side < _LARGEST]
-        if len(sides) == 2:
+        sides: list[Any] = [content.get(name) for name in names]
+        if all(type(side) is int and 0 < side < _LARGEST for side in sides):
             return sides[0], sides[1]
-        raise InputError(f"{where}: {' and '.join(names)} are {[width, height]}: give pixels")
+        if sides != [None, None]:
+            raise InputError(f"{where}: {' and '.join(names)} are {sides}: give pixels")
     return None
 
 

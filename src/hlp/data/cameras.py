@@ -3,9 +3,10 @@
 A camera of a user's own, named lines, followed folders, or an Intel RealSense.
 """
 
-import importlib.util
+import importlib
 import json
 import logging
+import runpy
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -22,7 +23,6 @@ from hlp.files import expanded
 from hlp.records import CameraImage
 from hlp.settings import Doc, Settings, shown
 
-_KEYS = ("rgb", "depth")
 _FORM = 'a line must be {"rgb": FILE, "depth": FILE}, with "name" and "captured" as you like'
 _LATEST = 1e12  # s since 1970; in ms they are more
 _POLL = 0.01  # s between two looks into the folders
@@ -63,12 +63,7 @@ def load_camera(source: str) -> Camera:
     path = expanded(file)
     if not path.is_file():
         raise MissingFileError(f"source={source}: there is no file {path} (give FILE.py:CLASS)")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise InputError(f"source={source}: {path} is not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    make: Any = getattr(module, name, None)
+    make = runpy.run_path(str(path)).get(name)
     if not callable(make):
         raise InputError(f"source={source}: {path} has no class or function {name}")
     camera = make()
@@ -116,7 +111,9 @@ def _parsed(line: str) -> dict[str, Any]:
         given = json.loads(line)
     except (ValueError, RecursionError) as error:
         raise InputError(f"cannot read {line.strip()[:80]!r} ({error}): {_FORM}") from error
-    if not isinstance(given, dict) or not all(isinstance(given.get(k), str) for k in _KEYS):
+    if not isinstance(given, dict) or not all(
+        isinstance(given.get(k), str) for k in ("rgb", "depth")
+    ):
         raise InputError(f"cannot use {line.strip()[:80]!r}: {_FORM}")
     captured = given.get("captured")
     known = isinstance(captured, int | float) and abs(captured) < _LATEST
