@@ -5,6 +5,7 @@ import sys
 import time
 import webbrowser
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from hlp.commands.arguments import is_true, known_arguments, tracking_uri, whole_number
@@ -72,11 +73,9 @@ def ui(arguments: Sequence[str]) -> None:
     with server(uri, port) as address:
         _show(address + page, opened)
         print("Stop it with Ctrl-C.", flush=True)
-        try:
+        with suppress(KeyboardInterrupt):
             while True:
                 time.sleep(3600)
-        except KeyboardInterrupt:
-            return
 
 
 def _show(page: str, opened: bool) -> None:

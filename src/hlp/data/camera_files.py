@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -93,10 +94,8 @@ def _parsed(path: Path, where: str) -> Any:
     except UnicodeDecodeError as error:
         raise InputError(f"{where} is not text: give JSON, YAML or nine numbers") from error
     words = re.split(r"[\s,;\[\]]+", text.strip(" \t\r\n,;[]"))
-    try:
+    with suppress(ValueError):
         return [number(word) for word in words]
-    except ValueError:
-        pass
     if is_json:
         return parse_json(text, where)
     # OpenCV writes a first line and tags that other readers of YAML do not know.
