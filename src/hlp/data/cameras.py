@@ -51,7 +51,8 @@ class Camera(Protocol):
         """
 
     def close(self) -> None:
-        """Free the device. Called once, also after an error or Ctrl-C."""
+        """Free the device, if one is open. Called once, also after an error or Ctrl-C."""
+        return
 
 
 def load_camera(source: str) -> Camera:
@@ -74,7 +75,7 @@ def load_camera(source: str) -> Camera:
     return camera
 
 
-class LinesCamera:
+class LinesCamera(Camera):
     """Delivers the image of each line until the lines end.
 
     A line is a JSON object: `rgb` and `depth` are paths of files that are complete; `name` is what
@@ -90,9 +91,6 @@ class LinesCamera:
         for line in self._lines:
             if line.strip():
                 yield self._read(line)
-
-    def close(self) -> None:
-        """The lines belong to the caller."""
 
     def _read(self, line: str) -> CameraImage | BrokenImage:
         name = ""
@@ -134,7 +132,7 @@ class FolderSettings(FrameFiles):
     ] = False
 
 
-class FolderCamera:
+class FolderCamera(Camera):
     """Delivers each pair of images once both are complete, in the order of their names.
 
     Images that are there at the beginning come first. A file that is not whole is waited for, for a
@@ -163,9 +161,6 @@ class FolderCamera:
                 return
             else:
                 time.sleep(_POLL)
-
-    def close(self) -> None:
-        """Nothing is open."""
 
     def _next(self) -> CameraImage | BrokenImage | None:
         pairs = pairs_so_far(self._settings.rgb, self._settings.depth)
