@@ -16,13 +16,7 @@ from annotated_types import Ge, Le
 from hlp.arrays import Mask, spread
 from hlp.data import bop_models, bop_scenes
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
-from hlp.data.file_frames import (
-    MAX_MEGAPIXELS,
-    FileFrames,
-    FolderSettings,
-    StatedFrame,
-    existing_folder,
-)
+from hlp.data.file_frames import FileFrames, FolderSettings, StatedFrame, existing_folder
 from hlp.data.images import read_rgb, require_same_size
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ONLY, ObjectSettings, chosen_objects
@@ -162,7 +156,7 @@ class BopFrames(FileFrames):
         targets_file: str | None,
         object_ids: Collection[int] | None = None,
         min_visible: float = 0.0,
-        max_megapixels: float = MAX_MEGAPIXELS,
+        max_megapixels: float = FolderSettings.max_megapixels,
         every_frame: bool = False,
     ) -> None:
         super().__init__(Path(root) / split, max_megapixels)

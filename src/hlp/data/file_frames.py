@@ -21,8 +21,6 @@ from hlp.geometry import transform
 from hlp.records import Frame, ObjectModel, Target, parse_frame_key
 from hlp.settings import Doc, Settings
 
-MAX_MEGAPIXELS = 50.0
-
 
 @dataclass(frozen=True)
 class StatedFrame:
@@ -48,7 +46,7 @@ class FileFrames(ABC):
 
     unit = "millimetres"
 
-    def __init__(self, root: Path, max_megapixels: float = MAX_MEGAPIXELS) -> None:
+    def __init__(self, root: Path, max_megapixels: float) -> None:
         self._root, self._max_megapixels = Path(root), max_megapixels
 
     @cached_property
@@ -174,7 +172,7 @@ class FolderSettings(Settings):
     ] = 500
     max_megapixels: Annotated[
         float, Gt(0), Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
-    ] = MAX_MEGAPIXELS
+    ] = 50.0
 
     def training_images(self) -> TrainingImages:
         """The images in the folders. Decodes none.
