@@ -34,6 +34,13 @@ def test_options_stand_where_one_likes(
     assert yaml.safe_load(capsys.readouterr().out) == 7
 
 
+def test_a_run_that_never_began_leaves_no_folder(tmp_path: Path) -> None:
+    for wrong in ("frames=${absent}", "machine.device=absent"):
+        done = run_python(f"from hlp.cli import main; main(['run', '{wrong}'])", tmp_path)
+        assert done.stderr.startswith("hlp: ") and done.stderr.count("\n") == 1
+    assert not [*tmp_path.glob("outputs/*/*")]
+
+
 def test_options_that_exclude_each_other_are_named(capsys: Out) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["run", "--info", "config", "seed=1", "--multirun"])

@@ -183,21 +183,14 @@ def image(name: str, pixels: np.ndarray) -> Callable[[Path], None]:
     return lambda root: cv2.imwrite(str(scene_file(root, name)), pixels) and None
 
 
-def gone(name: str) -> Callable[[Path], None]:
-    return lambda root: scene_file(root, name).unlink()
-
-
 UPRIGHT = np.eye(3).ravel()
 CASES = {
     "truncated colour": (truncated("rgb/000012.png"), "000012.png is truncated"),
     "truncated depth": (truncated("depth/000012.png"), "000012.png is truncated"),
-    "no depth": (gone("depth/000012.png"), "no image"),
+    "no depth": (lambda root: scene_file(root, "depth/000012.png").unlink(), "no image"),
     "another size": (image("rgb/000012.png", np.zeros((30, 40, 3), np.uint8)), "40x30 but its"),
     "8 bits of depth": (image("depth/000012.png", np.ones((60, 80), np.uint8)), "16-bit"),
-    "no camera": (
-        edited("scene_camera.json", lambda _: ...),
-        "frame 12: cam_K is missing",
-    ),
+    "no camera": (edited("scene_camera.json", lambda _: ...), "frame 12: cam_K is missing"),
     "no focal length": (camera(cam_K=[0.0, *K[1:]]), "focal lengths must be finite and positive"),
     "intrinsics of a larger image": (
         camera(cam_K=[2 * value for value in K[:8]] + [1]),

@@ -19,9 +19,9 @@ from yaml import MarkedYAMLError
 
 from hlp.commands import MULTIRUN
 from hlp.commands.arguments import nearest
-from hlp.commands.ending import fail, fails_in_one_line, in_words
+from hlp.commands.ending import fail, fails_in_one_line, in_words, is_foreseen
 from hlp.config.composition import provide_defaults
-from hlp.errors import HlpError, InputError, is_expected
+from hlp.errors import InputError, is_expected
 from hlp.files import config_folder as config_folder
 from hlp.studies.sweep import sweep_open
 
@@ -72,8 +72,8 @@ def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
     """Run one task. In a sweep an error is logged, and the other runs continue."""
     try:
         task(config)
-    except (HlpError, OSError) as error:
-        if not is_expected(error):
+    except Exception as error:
+        if not is_foreseen(error):
             raise
         if HydraConfig.get().mode == RunMode.RUN:
             _remove_unused(Path(HydraConfig.get().runtime.output_dir))

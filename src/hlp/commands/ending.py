@@ -68,7 +68,7 @@ def fails_in_one_line() -> Iterator[None]:
             raise
         fail(MissingDependencyError(f"{error.name} is not installed. {EVERYTHING}"))
     except Exception as error:
-        if not is_expected(error) and not _is_of_configuration(error):
+        if not is_foreseen(error):
             raise
         fail(error)
 
@@ -118,6 +118,11 @@ def in_words(error: BaseException) -> str:
         cause = str(error.__cause__ or "").partition("\n")[0] if words == str(error) else ""
         lines = [words, *filter(None, [cause])]
     return "\n".join(map(shortened, [*lines, *getattr(error, "__notes__", [])]))
+
+
+def is_foreseen(error: BaseException) -> bool:
+    """Whether an error is HLP's own, one of the system, or of the configuration: no bug."""
+    return is_expected(error) or _is_of_configuration(error)
 
 
 def _is_of_configuration(error: BaseException) -> bool:

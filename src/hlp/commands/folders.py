@@ -1,7 +1,7 @@
 """`hlp download`, `notebooks` and `clean`: fill folders of the user's, and empty the stages'."""
 
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,9 +72,6 @@ def remove(work: Path, outputs: Sequence[Removable]) -> None:
                 output.folder.unlink()
 
 
-_INDENT = " " * 11
-
-
 def download(arguments: Sequence[str]) -> None:
     """Load a data set and say what to do with it."""
     from hlp.data.download import download as load  # the help needs no network's library
@@ -95,18 +92,13 @@ def download(arguments: Sequence[str]) -> None:
 
 def filled(text: str) -> str:
     """The help with the data sets that there are."""
-    return text.format(
-        sets="\n".join(_listed()),
-        images="|".join(IMAGES),
-        lm=SETS["lm"].base,
-        voc2012=SETS["voc2012"].base,
+    sets = "\n".join(
+        f"  {public.name:<8} {public.what}\n"
+        f"{'':11}licence: {public.licence or 'not known here, see its page'}"
+        for public in SETS.values()
     )
-
-
-def _listed() -> Iterator[str]:
-    for public in SETS.values():
-        yield f"  {public.name:<8} {public.what}"
-        yield f"{_INDENT}licence: {public.licence or 'not known here, see its page'}"
+    servers = {name: SETS[name].base for name in ("lm", "voc2012")}
+    return text.format(sets=sets, images="|".join(IMAGES), **servers)
 
 
 def notebooks(arguments: Sequence[str]) -> None:

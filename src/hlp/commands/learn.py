@@ -15,16 +15,7 @@ from hlp.config.build import build_settings
 from hlp.data.dataset import TrainingImages
 from hlp.data.file_frames import FolderSettings
 from hlp.errors import InputError, MissingFileError
-from hlp.method.learn import learning
-from hlp.method.learn.learnt_folder import (
-    CLASSIFIER,
-    ENCODER,
-    OBJECTS,
-    RECORD,
-    LearntRecord,
-    read_record,
-    write_searches,
-)
+from hlp.method.learn import learning, learnt_folder
 from hlp.method.learn.mesh_models import MeshChoices, build_models
 from hlp.method.learn.model_files import write_model
 from hlp.method.learn.unfinished_folder import finish
@@ -68,8 +59,8 @@ def learn_once(cache: Path, request: LearningRequest) -> Path:
     made_from = learning.learning_request(request.models, request.settings, request.images)
     identity = made_from["made_from"]
     folder = cache / f"{request.names}-{identity[:8]}"
-    if (folder / RECORD).is_file():
-        read_record(folder)
+    if (folder / learnt_folder.RECORD).is_file():
+        learnt_folder.read_record(folder)
         _logger.info("already learnt: %s", folder)
         return folder
     return learn_into(folder, request)
@@ -85,10 +76,10 @@ def learnt_of_run(run: "Run", manifest: Path, folder: Path) -> None:
     settings, known = run.settings.method, run.dataset.models
     models = {object_id: known[object_id] for object_id in run.dataset.target_ids}
     store = StageStore(Path(run.settings.work))
-    _copy_output(manifest, store, ("classifier", ""), folder / CLASSIFIER)
-    _copy_output(manifest, store, ("encoder", ""), folder / ENCODER)
+    _copy_output(manifest, store, ("classifier", ""), folder / learnt_folder.CLASSIFIER)
+    _copy_output(manifest, store, ("encoder", ""), folder / learnt_folder.ENCODER)
     for model in models.values():
-        own = folder / OBJECTS / model.name
+        own = folder / learnt_folder.OBJECTS / model.name
         _copy_output(manifest, store, ("codebook", model.name), own)
         write_model(own, model)
         if not is_joint(settings.codebook):
@@ -98,8 +89,8 @@ def learnt_of_run(run: "Run", manifest: Path, folder: Path) -> None:
         else:
             _copy_output(manifest, store, ("score", model.name), own)
     ids = {model.name: object_id for object_id, model in models.items()}
-    record = LearntRecord(ids, tuple(sorted(known)), settings)
-    write_searches(folder, record)
+    record = learnt_folder.LearntRecord(ids, tuple(sorted(known)), settings)
+    learnt_folder.write_searches(folder, record)
     finish(folder, record)
 
 

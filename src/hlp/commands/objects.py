@@ -54,12 +54,6 @@ def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
     if not manifest.is_file():
         yield learnt_cache.find_whole(given, cache)
         return
-    with tempfile.TemporaryDirectory() as folder:
-        _take_from_run(manifest, work or "work", Path(folder, "learnt"))
-        yield Path(folder, "learnt")
-
-
-def _take_from_run(manifest: Path, work: str, target: Path) -> None:
     from hlp.commands.composing import compose_config  # Hydra: a second, for a run alone
     from hlp.commands.learn import learnt_of_run
     from hlp.config.build import build_run
@@ -67,10 +61,12 @@ def _take_from_run(manifest: Path, work: str, target: Path) -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "config.yaml").write_text(config_of(manifest, (), config_folder()))
-        places = (f"work='{work}'", "output=none")
+        places = (f"work='{work or 'work'}'", "output=none")
         run = build_run(compose_config(*places, folder=Path(folder)))
-    check_manifest(run, manifest)
-    learnt_of_run(run, manifest, target)
+        check_manifest(run, manifest)
+        learnt = Path(folder, "learnt")
+        learnt_of_run(run, manifest, learnt)
+        yield learnt
 
 
 def _listed(cache: Path) -> str:

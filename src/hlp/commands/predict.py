@@ -107,7 +107,9 @@ def live(arguments: Sequence[str]) -> None:
             stack.callback(pictures.close)
             if pictures.address is not None:
                 print(f"Page  {pictures.address}", file=sys.stderr)
-        answering.live(detector, camera, options, _print_line, pictures)
+        answering.live(
+            detector, camera, options, lambda line: print(json.dumps(line), flush=True), pictures
+        )
 
 
 def _camera(given: Mapping[str, str]) -> cameras.Camera:
@@ -115,7 +117,3 @@ def _camera(given: Mapping[str, str]) -> cameras.Camera:
         return cameras.load_camera(given["source"])
     settings, make = _SOURCES[given["source"]]
     return make(own.read_group(settings, given))
-
-
-def _print_line(line: answering.Line) -> None:
-    print(json.dumps(line), flush=True)

@@ -5,21 +5,16 @@ import sys
 import time
 import webbrowser
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from hlp.commands.arguments import is_true, known_arguments, tracking_uri, whole_number
 from hlp.errors import InputError, without_controls
+from hlp.reporting import report as reports
 from hlp.reporting.experiments import describe_reports
 from hlp.reporting.mlflow import is_local
 from hlp.reporting.mlflow.pages import PORT, newest_page, server
 from hlp.reporting.mlflow.upload import send_runs, unsent_database
-from hlp.reporting.report import (
-    describe_named,
-    describe_outputs,
-    report_runs,
-    report_selection,
-    write_pages,
-)
 from hlp.reporting.table import LAYOUTS
 
 
@@ -30,15 +25,15 @@ def report(arguments: Sequence[str]) -> None:
     layout, details = _layout(given), is_true(given, "details", False)
     folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
     if "runs" in given:
-        _print(describe_named(given["runs"], given.get("uri") or tracking_uri(), layout))
+        _print(reports.describe_named(given["runs"], given.get("uri") or tracking_uri(), layout))
     elif "objects" in given:
-        _print(report_selection(folder, given["objects"], layout))
+        _print(reports.report_selection(folder, given["objects"], layout))
     else:
-        _print(report_runs(folder, layout, details))
+        _print(reports.report_runs(folder, layout, details))
         if words := describe_reports(folder, layout):
             _print(f"\n{words}")
         print()
-        for page in write_pages(folder):
+        for page in reports.write_pages(folder):
             print(f"Report: {page}")
 
 
@@ -49,7 +44,7 @@ def _print(text: str) -> None:
 def runs(arguments: Sequence[str]) -> None:
     """Print the list of runs."""
     given = known_arguments(arguments, ("output", "format"), "runs")
-    _print(describe_outputs(Path(given.get("output", "outputs")), _layout(given)))
+    _print(reports.describe_outputs(Path(given.get("output", "outputs")), _layout(given)))
 
 
 def _layout(given: Mapping[str, str]) -> str:
@@ -72,11 +67,9 @@ def ui(arguments: Sequence[str]) -> None:
     with server(uri, port) as address:
         _show(address + page, opened)
         print("Stop it with Ctrl-C.", flush=True)
-        try:
+        with suppress(KeyboardInterrupt):
             while True:
                 time.sleep(3600)
-        except KeyboardInterrupt:
-            return
 
 
 def _show(page: str, opened: bool) -> None:

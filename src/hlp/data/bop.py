@@ -11,42 +11,17 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, Le
+from annotated_types import Ge, Le
 
 from hlp.arrays import Mask, spread
-from hlp.data.bop_models import (
-    AUTO,
-    evaluation_meshes,
-    find_split,
-    find_targets_file,
-    list_objects,
-    load_object_models,
-    name_objects,
-)
-from hlp.data.bop_scenes import (
-    CAMERA,
-    COLOR,
-    DEPTH,
-    TRUTH,
-    FrameId,
-    Scene,
-    list_scenes,
-    list_targets,
-    most_visible,
-)
+from hlp.data import bop_models, bop_scenes
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
-from hlp.data.file_frames import (
-    MAX_MEGAPIXELS,
-    FileFrames,
-    FolderSettings,
-    StatedFrame,
-    existing_folder,
-)
+from hlp.data.file_frames import FileFrames, FolderSettings, StatedFrame, existing_folder
 from hlp.data.images import read_rgb, require_same_size
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ONLY, ObjectSettings, chosen_objects
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
-from hlp.settings import Doc
+from hlp.settings import Doc, Share
 
 
 @DATASETS.register
@@ -67,17 +42,16 @@ class BopSettings(FolderSettings):
             "folder below root with the scenes, or what its name begins with (test: "
             "test_primesense); auto: test, test_* or val with true poses"
         ),
-    ] = AUTO
+    ] = bop_models.AUTO
     targets: Annotated[
         str | None,
         Doc(
             "list of targets, below root; auto: BOP's list if there is one, else everything that "
             "is annotated; null: everything that is annotated"
         ),
-    ] = AUTO
+    ] = bop_models.AUTO
     min_visible: Annotated[
-        float,
-        Interval(ge=0, le=1),
+        Share,
         Doc("instances whose stated visible fraction is less are no targets (BOP's lists: 0.1)"),
     ] = 0.0
     search: Annotated[
@@ -108,7 +82,7 @@ class BopSettings(FolderSettings):
         named = self._named(root)
         given = self._models(root, named) if named else None
         frames, ids = self._searched(root, given)
-        models = given or self._models(root, name_objects(root, ids))
+        models = given or self._models(root, bop_models.name_objects(root, ids))
         return Dataset(
             models,
             ids,
@@ -116,7 +90,7 @@ class BopSettings(FolderSettings):
             **vars(images),
             search_all=self.search == "all",
             settings=self,
-            evaluation_mesh_files=evaluation_meshes(root, models),
+            evaluation_mesh_files=bop_models.evaluation_meshes(root, models),
             vsd_delta=0.005 if root.name == "itodd" else Dataset.vsd_delta,  # as the toolkit has it
             empty_frames=None if self.empty is None else self._empty_frames(self.empty),
         )
@@ -138,29 +112,31 @@ class BopSettings(FolderSettings):
         """The objects that the settings name; none if they are those that are targets."""
         named = self.objects
         if self.only is not None and not named:
-            named = name_objects(root, list_objects(root))
+            named = bop_models.name_objects(root, bop_models.list_objects(root))
         return chosen_objects(named, self.only) if named else {}
 
     def _searched(
         self, root: Path, given: Collection[int] | None
     ) -> tuple["BopFrames", tuple[int, ...]]:
         """The frames, and the objects that are looked for in them, `given` or found."""
-        split, every = find_split(root, self.split), self.search == "all"
+        split, every = bop_models.find_split(root, self.split), self.search == "all"
         years = (24, 19) if every else (19, 24)
-        listed = find_targets_file(root, split, years) if self.targets == AUTO else self.targets
+        listed = self.targets
+        if listed == bop_models.AUTO:
+            listed = bop_models.find_targets_file(root, split, years)
         of = root, split, listed, given, self.min_visible, self.max_megapixels
         frames = BopFrames(*of, every_frame=every)
         if every:
-            return frames, tuple(given or list_objects(root))
+            return frames, tuple(given or bop_models.list_objects(root))
         return frames, tuple(sorted({i for counts in frames.targets.values() for i in counts}))
 
     def _empty_frames(self, folder: str) -> "BopFrames":
         root = existing_folder("data.empty", folder)
-        of = root, find_split(root), None, (), 0.0, self.max_megapixels
+        of = root, bop_models.find_split(root), None, (), 0.0, self.max_megapixels
         return BopFrames(*of, every_frame=True)
 
     def _models(self, root: Path, objects: Mapping[str, ObjectSettings]) -> dict[int, ObjectModel]:
-        return load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
+        return bop_models.load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
 
 
 class BopFrames(FileFrames):
@@ -180,7 +156,7 @@ class BopFrames(FileFrames):
         targets_file: str | None,
         object_ids: Collection[int] | None = None,
         min_visible: float = 0.0,
-        max_megapixels: float = MAX_MEGAPIXELS,
+        max_megapixels: float = FolderSettings.max_megapixels,
         every_frame: bool = False,
     ) -> None:
         super().__init__(Path(root) / split, max_megapixels)
@@ -190,11 +166,11 @@ class BopFrames(FileFrames):
         self._every_frame = every_frame
 
     @cached_property
-    def targets(self) -> dict[FrameId, dict[int, int]]:
+    def targets(self) -> dict[bop_scenes.FrameId, dict[int, int]]:
         """(scene, frame) -> object id -> number of instances, sorted by frame."""
-        listed = list_targets(self._scenes, self._targets_file, self._min_visible)
+        listed = bop_scenes.list_targets(self._scenes, self._targets_file, self._min_visible)
         ids = self._object_ids
-        chosen: dict[FrameId, dict[int, int]] = {}
+        chosen: dict[bop_scenes.FrameId, dict[int, int]] = {}
         for frame, counts in sorted(listed.items()):
             kept = {i: count for i, count in counts.items() if ids is None or i in ids}
             scene = self._scenes.get(frame[0])
@@ -202,8 +178,8 @@ class BopFrames(FileFrames):
                 chosen[frame] = kept
         if not chosen and self._is_private:
             raise MissingFileError(
-                f"{self._root} has no {TRUTH} with true poses (BOP keeps some private), and no "
-                "list of targets names an object: set data.split to a folder that has them"
+                f"{self._root} has no {bop_scenes.TRUTH} with true poses (BOP keeps some private), "
+                "and no list of targets names an object: set data.split to a folder that has them"
             )
         if not chosen:
             named = "any object" if ids is None else f"objects {sorted(ids)}"
@@ -232,17 +208,13 @@ class BopFrames(FileFrames):
 
     def identity(self) -> str:
         """Hash of images, cameras, poses and the list of targets, and of what is missing."""
-        frames: dict[int, list[int]] = {}
-        for scene_id, frame in self.targets:
-            frames.setdefault(scene_id, []).append(frame)
-        scenes = [(self._scenes.get(scene_id), ids) for scene_id, ids in frames.items()]
-        texts = [path for scene, _ in scenes if scene for path in scene.text_files]
+        scenes = {i: self._scenes[i] for i, _ in self.targets if i in self._scenes}
+        texts = [path for scene in scenes.values() for path in scene.text_files]
         images = [
-            scene.image(kinds, frame)
-            for scene, ids in scenes
-            if scene
-            for frame in ids
-            for kinds in (COLOR, DEPTH)
+            scenes[scene_id].image(kinds, frame)
+            for scene_id, frame in self.targets
+            if scene_id in scenes
+            for kinds in (bop_scenes.COLOR, bop_scenes.DEPTH)
         ]
         return content_hash([*texts, *images], repr(list(self.targets.items())))
 
@@ -271,10 +243,10 @@ class BopFrames(FileFrames):
         return not any(scene.annotated for scene in self._scenes.values())
 
     @cached_property
-    def _scenes(self) -> dict[int, Scene]:
-        return list_scenes(self._root)
+    def _scenes(self) -> dict[int, bop_scenes.Scene]:
+        return bop_scenes.list_scenes(self._root)
 
-    def _scene(self, scene_id: int) -> Scene:
+    def _scene(self, scene_id: int) -> bop_scenes.Scene:
         if scene_id not in self._scenes:
             raise MissingFileError(f"no scene {scene_id} in {self._root}")
         return self._scenes[scene_id]
@@ -285,12 +257,12 @@ class BopFrames(FileFrames):
         camera, where = scene.camera(frame_id), scene.where(frame_id)
         found: tuple[Target, ...] = ()
         if not self._is_private:
-            found = most_visible(scene.targets(frame_id), self._entries[key], where)
+            found = bop_scenes.most_visible(scene.targets(frame_id), self._entries[key], where)
         return StatedFrame(
-            scene.image(COLOR, frame_id),
-            scene.image(DEPTH, frame_id),
+            scene.image(bop_scenes.COLOR, frame_id),
+            scene.image(bop_scenes.DEPTH, frame_id),
             camera.depth_scale,
             np.array(camera.cam_K, dtype=np.float64).reshape(3, 3),
-            f"{scene.where(frame_id, CAMERA)}: cam_K",
+            f"{scene.where(frame_id, bop_scenes.CAMERA)}: cam_K",
             [(target, f"{where}, object {target.object_id}: cam_t_m2c") for target in found],
         )

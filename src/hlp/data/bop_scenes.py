@@ -152,11 +152,10 @@ def list_scenes(split: Path) -> dict[int, Scene]:
     scenes: dict[int, Scene] = {}
     for folder in sorted(path for path in split.iterdir() if path.is_dir()):
         if folder.name.isdecimal():
-            if int(folder.name) in scenes:
-                raise DataError(
-                    f"{split} has two folders of scene {int(folder.name)}: leave one out"
-                )
-            scenes[int(folder.name)] = Scene(folder)
+            number = int(folder.name)
+            if number in scenes:
+                raise DataError(f"{split} has two folders of scene {number}: leave one out")
+            scenes[number] = Scene(folder)
     if not scenes:
         raise MissingFileError(
             f"no scene in {split}, no folder with a number and scene_camera.json: check data.root "

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -93,10 +94,8 @@ def _parsed(path: Path, where: str) -> Any:
     except UnicodeDecodeError as error:
         raise InputError(f"{where} is not text: give JSON, YAML or nine numbers") from error
     words = re.split(r"[\s,;\[\]]+", text.strip(" \t\r\n,;[]"))
-    try:
+    with suppress(ValueError):
         return [number(word) for word in words]
-    except ValueError:
-        pass
     if is_json:
         return parse_json(text, where)
     # OpenCV writes a first line and tags that other readers of YAML do not know.
@@ -146,13 +145,11 @@ def _data(values: Any) -> Any:
 
 def _size(content: Mapping[str, Any], where: str) -> tuple[int, int] | None:
     for names in _SIZES:
-        width, height = (content.get(name) for name in names)
-        if (width, height) == (None, None):
-            continue
-        sides = [side for side in (width, height) if type(side) is int and 0 < side < _LARGEST]
-        if len(sides) == 2:
+        sides: list[Any] = [content.get(name) for name in names]
+        if all(type(side) is int and 0 < side < _LARGEST for side in sides):
             return sides[0], sides[1]
-        raise InputError(f"{where}: {' and '.join(names)} are {[width, height]}: give pixels")
+        if sides != [None, None]:
+            raise InputError(f"{where}: {' and '.join(names)} are {sides}: give pixels")
     return None
 
 

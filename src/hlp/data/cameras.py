@@ -3,9 +3,10 @@
 A camera of a user's own, named lines, followed folders, or an Intel RealSense.
 """
 
-import importlib.util
+import importlib
 import json
 import logging
+import runpy
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -22,7 +23,6 @@ from hlp.files import expanded
 from hlp.records import CameraImage
 from hlp.settings import Doc, Settings, shown
 
-_KEYS = ("rgb", "depth")
 _FORM = 'a line must be {"rgb": FILE, "depth": FILE}, with "name" and "captured" as you like'
 _LATEST = 1e12  # s since 1970; in ms they are more
 _POLL = 0.01  # s between two looks into the folders
@@ -51,7 +51,8 @@ class Camera(Protocol):
         """
 
     def close(self) -> None:
-        """Free the device. Called once, also after an error or Ctrl-C."""
+        """Free the device, if one is open. Called once, also after an error or Ctrl-C."""
+        return
 
 
 def load_camera(source: str) -> Camera:
@@ -63,12 +64,7 @@ def load_camera(source: str) -> Camera:
     path = expanded(file)
     if not path.is_file():
         raise MissingFileError(f"source={source}: there is no file {path} (give FILE.py:CLASS)")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise InputError(f"source={source}: {path} is not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    make: Any = getattr(module, name, None)
+    make = runpy.run_path(str(path)).get(name)
     if not callable(make):
         raise InputError(f"source={source}: {path} has no class or function {name}")
     camera = make()
@@ -79,7 +75,7 @@ def load_camera(source: str) -> Camera:
     return camera
 
 
-class LinesCamera:
+class LinesCamera(Camera):
     """Delivers the image of each line until the lines end.
 
     A line is a JSON object: `rgb` and `depth` are paths of files that are complete; `name` is what
@@ -95,9 +91,6 @@ class LinesCamera:
         for line in self._lines:
             if line.strip():
                 yield self._read(line)
-
-    def close(self) -> None:
-        """The lines belong to the caller."""
 
     def _read(self, line: str) -> CameraImage | BrokenImage:
         name = ""
@@ -116,7 +109,9 @@ def _parsed(line: str) -> dict[str, Any]:
         given = json.loads(line)
     except (ValueError, RecursionError) as error:
         raise InputError(f"cannot read {line.strip()[:80]!r} ({error}): {_FORM}") from error
-    if not isinstance(given, dict) or not all(isinstance(given.get(k), str) for k in _KEYS):
+    if not isinstance(given, dict) or not all(
+        isinstance(given.get(k), str) for k in ("rgb", "depth")
+    ):
         raise InputError(f"cannot use {line.strip()[:80]!r}: {_FORM}")
     captured = given.get("captured")
     known = isinstance(captured, int | float) and abs(captured) < _LATEST
@@ -137,7 +132,7 @@ class FolderSettings(FrameFiles):
     ] = False
 
 
-class FolderCamera:
+class FolderCamera(Camera):
     """Delivers each pair of images once both are complete, in the order of their names.
 
     Images that are there at the beginning come first. A file that is not whole is waited for, for a
@@ -166,9 +161,6 @@ class FolderCamera:
                 return
             else:
                 time.sleep(_POLL)
-
-    def close(self) -> None:
-        """Nothing is open."""
 
     def _next(self) -> CameraImage | BrokenImage | None:
         pairs = pairs_so_far(self._settings.rgb, self._settings.depth)

@@ -3,11 +3,11 @@
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -46,18 +46,16 @@ class FrameSource(Protocol):
 
 def annotated_mask(source: FrameSource, frame: Frame, target: Target) -> Mask | None:
     """The data set's own mask of the pixels that show a target; None where it has none."""
-    mask_of: Any = getattr(source, "visible_mask", lambda *_: None)
-    mask: Mask | None = mask_of(frame, target)
+    mask: Mask | None = getattr(source, "visible_mask", lambda *_: None)(frame, target)
     return mask
 
 
-def content_hash(files: Iterable[Path], extra: str = "") -> str:
+def content_hash(files: Sequence[Path], extra: str = "") -> str:
     """BLAKE2b over the bytes of the files in the given order, and `extra` (32 hex digits).
 
     File names are hashed without their folders, so that a data set can be moved. Of files that are
     missing, or may not be read, only the names count.
     """
-    files = list(files)
     missing = [file.name for file in files if not os.access(file, os.R_OK)]
     digest = hashlib.blake2b((extra + (repr(missing) if missing else "")).encode(), digest_size=16)
     for file in files:
@@ -223,17 +221,11 @@ def find_bad_frames(dataset: Dataset, keys: Sequence[str]) -> dict[str, str]:
     if not isinstance(source, CheckedFrames):
         return {}
     reasons: dict[str, str] = {}
+    sound: Frame | None = None
     for key in keys:
         try:
             source.check(key, dataset.models)
-        except HlpError as error:
-            reasons[key] = str(error)
-    for key in keys:
-        if key in reasons:
-            continue
-        try:
-            source.load(key)
-            break
+            sound = sound or source.load(key)
         except HlpError as error:
             reasons[key] = str(error)
     return reasons

@@ -24,7 +24,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from hlp.data.public_sets import Archive, PublicSet
-from hlp.errors import DataError, DiskFullError, HlpError, InputError, NetworkError, is_expected
+from hlp.errors import DataError, DiskFullError, InputError, NetworkError, is_expected
 from hlp.files import write_json
 from hlp.folders import locked
 
@@ -167,10 +167,8 @@ def _explained(archive: Archive, part: Path) -> Iterator[None]:
 
     try:
         yield
-    except HlpError:
-        raise
     except (httpx2.HTTPError, OSError) as error:
-        if not isinstance(error, httpx2.HTTPError) and error.errno is not None:
+        if is_expected(error):
             raise  # of the disk
         if isinstance(error, HfHubHTTPError) and error.response.status_code == 416:
             part.unlink()  # it does not end before the file
@@ -237,14 +235,10 @@ def unpack(archive: Path, folder: Path, root: str) -> int:
                 with member.open() as source, target.open("wb") as stream:
                     shutil.copyfileobj(source, stream)
             return len(files)
-    except _BROKEN as error:
-        raise _damaged(archive, error) from error
-    except OSError as error:  # of the disk, or of a place that no archive has
-        raise error if is_expected(error) else _damaged(archive, error) from error
-
-
-def _damaged(archive: Path, error: Exception) -> DataError:
-    return DataError(f"{archive} is damaged ({error}): delete it and call again")
+    except (*_BROKEN, OSError) as error:  # of the disk, or of a place that no archive has
+        if is_expected(error) and not isinstance(error, _BROKEN):
+            raise
+        raise DataError(f"{archive} is damaged ({error}): delete it and call again") from error
 
 
 def require_room(folder: Path, needed: float, what: str) -> None:

@@ -10,31 +10,16 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Ge, Gt
 
+from hlp import schemas
 from hlp.arrays import CameraMatrix, Values
+from hlp.data import images
 from hlp.data.dataset import StatedTarget, TrainingImages, content_hash
 from hlp.data.frame_paths import with_frames
-from hlp.data.images import (
-    depth_metres,
-    image_size,
-    list_photographs,
-    read_raw_depth,
-    read_rgb,
-    require_same_size,
-)
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import transform
 from hlp.records import Frame, ObjectModel, Target, parse_frame_key
-from hlp.schemas import (
-    camera_matrix,
-    number,
-    require_depths,
-    require_in_front,
-    require_near_depths,
-)
 from hlp.settings import Doc, Settings
-
-MAX_MEGAPIXELS = 50.0
 
 
 @dataclass(frozen=True)
@@ -61,7 +46,7 @@ class FileFrames(ABC):
 
     unit = "millimetres"
 
-    def __init__(self, root: Path, max_megapixels: float = MAX_MEGAPIXELS) -> None:
+    def __init__(self, root: Path, max_megapixels: float) -> None:
         self._root, self._max_megapixels = Path(root), max_megapixels
 
     @cached_property
@@ -96,10 +81,10 @@ class FileFrames(ABC):
         and poses that are not where the image has depth.
         """
         frame, stated = self.read(key), self._stated(key)
-        require_depths(frame.depth, str(stated.depth))
+        schemas.require_depths(frame.depth, str(stated.depth))
         for target, where in stated.targets:
             center = target.pose_cam_obj[:3, 3]
-            require_near_depths(center, frame.depth, frame.camera_matrix, where)
+            schemas.require_near_depths(center, frame.depth, frame.camera_matrix, where)
         return frame
 
     def read(self, key: str) -> Frame:
@@ -111,23 +96,24 @@ class FileFrames(ABC):
         if key not in self._entries:
             raise KeyError(f"no frame {key!r} in {self._root}")
         stated = self._stated(key)
-        rgb = read_rgb(stated.color)
-        depth = depth_metres(read_raw_depth(stated.depth), stated.depth_scale, stated.depth)
-        require_same_size(stated.color, rgb.shape[1::-1], depth.shape[::-1])
+        rgb = images.read_rgb(stated.color)
+        raw = images.read_raw_depth(stated.depth)
+        depth = images.depth_metres(raw, stated.depth_scale, stated.depth)
+        images.require_same_size(stated.color, rgb.shape[1::-1], depth.shape[::-1])
         targets = tuple(target for target, _ in stated.targets)
         return Frame(*parse_frame_key(key), rgb, depth, stated.matrix, targets)
 
     def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:
         """See `CheckedFrames`."""
         stated = self._stated(key)
-        size = image_size(stated.color, self._max_megapixels)
-        depth_size = image_size(stated.depth, self._max_megapixels, depth=True)
-        require_same_size(stated.color, size, depth_size)
-        camera_matrix(stated.matrix, stated.camera, size)
+        size = images.image_size(stated.color, self._max_megapixels)
+        depth_size = images.image_size(stated.depth, self._max_megapixels, depth=True)
+        images.require_same_size(stated.color, size, depth_size)
+        schemas.camera_matrix(stated.matrix, stated.camera, size)
         for target, where in stated.targets:
             if (model := models.get(target.object_id)) is not None:
                 center = transform(target.pose_cam_obj, model.centroid[None])[0]
-                require_in_front(center, model.diameter, where, self.unit)
+                schemas.require_in_front(center, model.diameter, where, self.unit)
 
 
 def read_numbers(path: Path, count: int, header_lines: int = 0) -> Values:
@@ -139,7 +125,7 @@ def read_numbers(path: Path, count: int, header_lines: int = 0) -> Values:
         raise MissingFileError(f"no pose {path}")
     try:
         words = " ".join(path.read_text(encoding="utf-8").splitlines()[header_lines:]).split()
-        values = np.array([number(word) for word in words])
+        values = np.array([schemas.number(word) for word in words])
     except ValueError as error:
         raise DataError(f"{path} holds something that is not a number ({error})") from error
     if len(values) != count or not np.isfinite(values).all():
@@ -162,8 +148,8 @@ class RgbdFrames(OwnFrames):
     def identity(self) -> str:
         """Hash of images and intrinsics."""
         pairs = [self.paths(key) for key in self.keys]
-        images = [path for pair in pairs for path in (pair.color, pair.depth)]
-        return content_hash([Path(str(self.settings.intrinsics)), *images])
+        files = [path for pair in pairs for path in (pair.color, pair.depth)]
+        return content_hash([Path(str(self.settings.intrinsics)), *files])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +172,7 @@ class FolderSettings(Settings):
     ] = 500
     max_megapixels: Annotated[
         float, Gt(0), Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
-    ] = MAX_MEGAPIXELS
+    ] = 50.0
 
     def training_images(self) -> TrainingImages:
         """The images in the folders. Decodes none.
@@ -196,7 +182,7 @@ class FolderSettings(Settings):
         folder = None
         if self.photographs is not None:
             folder = existing_folder("data.photographs", self.photographs)
-            list_photographs(folder)
+            images.list_photographs(folder)
         return TrainingImages(
             photographs=folder,
             background_frames=_frames("data.rooms", self.rooms),

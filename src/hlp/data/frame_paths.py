@@ -1,9 +1,10 @@
 """A user's frames on disk: which depth image belongs to which colour image; frames of videos."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 
 import cv2
@@ -18,6 +19,7 @@ VIDEO_EXTENSIONS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 CAMERA_FILES = ("cam_K.txt", "camera.json", "intrinsics.json", "scene_camera.json")
 """Names of the file with the intrinsics: YCBInEOAT's, ours, RealSense's or Open3D's, BOP's."""
 _NAMES = {"rgb": ("rgb", "color"), "depth": ("depth",), "intrinsics": CAMERA_FILES}
+_stem: Callable[[Path], str] = attrgetter("stem")
 _WILD = re.compile(r"[*?\[]")
 
 
@@ -164,10 +166,6 @@ def _require_numbers(files: list[Path], key: str) -> None:
                 "the two images of a frame alike, or color_1.png and depth_1.png"
             )
         seen.add(number)
-
-
-def _stem(path: Path) -> str:
-    return path.stem
 
 
 def _number(path: Path) -> str:

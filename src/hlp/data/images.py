@@ -225,8 +225,6 @@ def list_photographs(folder: Path) -> tuple[Path, ...]:
 
     Raises FileNotFoundError if there is no such folder or no image in it.
     """
-    if not folder.is_dir():
-        raise MissingFileError(f"no folder of photographs {folder}: check data.photographs")
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in EXTENSIONS)
     voc = [path for path in found if path.parent.name == "JPEGImages"]
     if not found:
@@ -258,11 +256,10 @@ def random_crops(
 
 
 def _shrink(image: Rgb) -> Rgb:
-    height, width = image.shape[:2]
-    factor = _LONG_SIDE / max(height, width)
+    factor = _LONG_SIDE / max(image.shape[:2])
     if factor >= 1:
         return image
-    shape = (max(1, round(width * factor)), max(1, round(height * factor)))
+    shape = [max(1, round(side * factor)) for side in image.shape[1::-1]]
     return np.asarray(cv2.resize(image, shape, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 

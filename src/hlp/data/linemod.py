@@ -15,7 +15,6 @@ from annotated_types import Gt, Unit
 
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
 from hlp.data.file_frames import (
-    MAX_MEGAPIXELS,
     FileFrames,
     FolderSettings,
     StatedFrame,
@@ -88,7 +87,7 @@ class LinemodFrames(FileFrames):
         root: Path,
         object_ids: Mapping[str, int],
         camera: Sequence[float],
-        max_megapixels: float = MAX_MEGAPIXELS,
+        max_megapixels: float = FolderSettings.max_megapixels,
     ) -> None:
         super().__init__(root, max_megapixels)
         self._names = {object_id: name for name, object_id in object_ids.items()}

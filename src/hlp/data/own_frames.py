@@ -13,23 +13,8 @@ from annotated_types import Gt
 from jaxtyping import Float
 
 from hlp.arrays import Image, Mask, Rgb
-from hlp.data.camera_files import (
-    Camera,
-    check_size,
-    read_camera,
-    resampled_depth,
-    resized_camera,
-    undistorted,
-)
+from hlp.data import camera_files, images
 from hlp.data.frame_paths import FramePaths, VideoFrames, list_images, pair_frames
-from hlp.data.images import (
-    EXTENSIONS,
-    depth_metres,
-    guess_unit,
-    read_pixels,
-    read_raw_depth,
-    read_rgb,
-)
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.records import Frame, frame_key, parse_frame_key
 from hlp.schemas import require_depths
@@ -96,19 +81,19 @@ class FrameReader:
         self._scale: float | None = None
 
     @cached_property
-    def camera(self) -> Camera:
+    def camera(self) -> camera_files.Camera:
         """The colour camera. Raises what `read_camera` raises."""
-        camera = read_camera(self.settings.intrinsics)
+        camera = camera_files.read_camera(self.settings.intrinsics)
         if camera.distortion:
             what = "undone" if self.settings.undistort else "taken to be undone already"
             _logger.info("the distortion that the intrinsics state is %s", what)
         return camera if self.settings.undistort else replace(camera, distortion=())
 
     @cached_property
-    def _depth_camera(self) -> Camera | None:
+    def _depth_camera(self) -> camera_files.Camera | None:
         if self.settings.depth_intrinsics is None:
             return None
-        return read_camera(self.settings.depth_intrinsics, "depth_intrinsics")
+        return camera_files.read_camera(self.settings.depth_intrinsics, "depth_intrinsics")
 
     def unit_of(self, example: Path) -> float:
         """Millimetres per unit of the depth images: given, stated, or guessed from an example."""
@@ -117,25 +102,25 @@ class FrameReader:
             stated = (place.depth_scale for place in places if place is not None)
             self._scale = next((scale for scale in stated if scale is not None), None)
         if self._scale is None:
-            self._scale, why = guess_unit(read_raw_depth(example), example)
+            self._scale, why = images.guess_unit(images.read_raw_depth(example), example)
             _logger.info(why)
         return self._scale
 
     def read(self, paths: FramePaths) -> tuple[Rgb, Image]:
         """Colour and depth (m). Raises FileNotFoundError, or ValueError for a broken file."""
         if paths.video_index is None:
-            rgb = read_rgb(paths.color)
+            rgb = images.read_rgb(paths.color)
         else:
             video = self._videos.get(paths.color) or VideoFrames(paths.color)
             self._videos[paths.color] = video
             rgb = video.read(paths.video_index)
-        check_size(self.camera, rgb.shape, paths.color, "intrinsics")
-        raw = read_raw_depth(paths.depth)
+        camera_files.check_size(self.camera, rgb.shape, paths.color, "intrinsics")
+        raw = images.read_raw_depth(paths.depth)
         scale = self.unit_of(paths.depth)
-        depth = depth_metres(raw, scale, paths.depth)
+        depth = images.depth_metres(raw, scale, paths.depth)
         require_depths(depth, f"{paths.depth} at {scale:g} mm per unit")
         depth = self._registered(depth, rgb.shape[:2], paths)
-        return undistorted(rgb, self.camera, nearest=False), depth
+        return camera_files.undistorted(rgb, self.camera, nearest=False), depth
 
     def _registered(
         self, depth: Float[np.ndarray, "a b"], shape: tuple[int, int], paths: FramePaths
@@ -144,12 +129,13 @@ class FrameReader:
         camera = self._depth_camera
         size = (depth.shape[1], depth.shape[0])
         if camera is not None:
-            check_size(camera, depth.shape, paths.depth, "depth_intrinsics")
-            depth = undistorted(depth, camera, nearest=True)
+            camera_files.check_size(camera, depth.shape, paths.depth, "depth_intrinsics")
+            depth = camera_files.undistorted(depth, camera, nearest=True)
         elif self.settings.depth_resize is not None:
             if self.camera.distortion:
                 raise InputError("depth_resize: distorted images must have one size")
-            camera = resized_camera(self.camera.matrix, 1.0 / self.settings.depth_resize, size)
+            scale = 1.0 / self.settings.depth_resize
+            camera = camera_files.resized_camera(self.camera.matrix, scale, size)
         elif depth.shape != shape:
             raise DataError(
                 f"{paths.color} is {shape[1]}x{shape[0]} but its depth image is {size[0]}x{size[1]}"
@@ -157,8 +143,8 @@ class FrameReader:
                 "pixel) if both show the same view"
             )
         else:
-            return undistorted(depth, self.camera, nearest=True)
-        return resampled_depth(depth, camera, self.camera.matrix, shape)
+            return camera_files.undistorted(depth, self.camera, nearest=True)
+        return camera_files.resampled_depth(depth, camera, self.camera.matrix, shape)
 
 
 class OwnFrames(FrameReader):
@@ -228,12 +214,12 @@ class SearchMasks:
                     f"box={list(self.box)} lies outside {paths.color}: x,y,width,height"
                 )
             return mask
-        found = list_images(str(self.masks), "mask", EXTENSIONS)
+        found = list_images(str(self.masks), "mask", images.EXTENSIONS)
         one = Path(str(self.masks)).is_file()
         path = next((file for file in found if one or file.stem == paths.name), None)
         if path is None:
             raise MissingFileError(f"mask: {self.masks} has no {paths.name}.png for {paths.color}")
-        image = read_pixels(path)
+        image = images.read_pixels(path)
         if image.shape[:2] != shape:
             raise DataError(f"{path} is {image.shape[:2]}, the frame {shape}: they must be alike")
         mask = np.asarray(image.reshape(*shape, -1)[..., :3].any(axis=2))

@@ -16,7 +16,6 @@ from hlp.arrays import Pose
 from hlp.data.camera_files import read_camera
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
 from hlp.data.file_frames import (
-    MAX_MEGAPIXELS,
     FileFrames,
     FolderSettings,
     StatedFrame,
@@ -91,7 +90,10 @@ class YcbineoatFrames(FileFrames):
     unit = "metres"
 
     def __init__(
-        self, root: Path, depth_scale: float = 1.0, max_megapixels: float = MAX_MEGAPIXELS
+        self,
+        root: Path,
+        depth_scale: float = 1.0,
+        max_megapixels: float = FolderSettings.max_megapixels,
     ) -> None:
         super().__init__(root, max_megapixels)
         self._depth_scale = depth_scale

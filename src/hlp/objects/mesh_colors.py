@@ -114,7 +114,7 @@ def files_beside(path: Path, missing: list[str]) -> FilePathResolver:
 
 
 SMALL = 0.035  # m: a mesh that seems to be smaller may be in centimetres
-_SIZES = (0.01, 2.0)  # m: diameters of objects that can be found
+_SMALLEST, _LARGEST = 0.01, 2.0  # m: diameters of objects that can be found
 _UNITS = ((1.0, "metres"), (0.001, "millimetres"))
 
 
@@ -125,7 +125,7 @@ def guess_scale(path: Path, diameter: float) -> float:
     whichever makes the object 1 cm to 2 m large. The guess is logged, with a warning where the
     object is so small that the file may be in centimetres. Raises DataError if neither does.
     """
-    likely = ((scale, name) for scale, name in _UNITS if _is_possible(diameter * scale))
+    likely = (unit for unit in _UNITS if _SMALLEST <= diameter * unit[0] <= _LARGEST)
     scale, name = next(likely, (0.0, ""))
     if not name:
         raise DataError(
@@ -147,15 +147,9 @@ def guess_scale(path: Path, diameter: float) -> float:
 
 def check_scale(path: Path, diameter: float, scale: float) -> None:
     """Raise DataError if a mesh of `diameter` units would have a size that no object has."""
-    if not _is_possible(diameter * scale):
-        low, high = _SIZES
+    if not _SMALLEST <= diameter * scale <= _LARGEST:
         raise DataError(
             f"{path}: diameter {diameter * scale:.4g} m at {scale:g} m per unit is not within "
-            f"{low} … {high} m: probably the wrong unit (mesh_scale: metres need 1, millimetres "
-            "0.001)"
+            f"{_SMALLEST} … {_LARGEST} m: probably the wrong unit (mesh_scale: metres need 1, "
+            "millimetres 0.001)"
         )
-
-
-def _is_possible(metres: float) -> bool:
-    low, high = _SIZES
-    return low <= metres <= high

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,13 +31,6 @@ _VERY_LARGE = 200_000  # triangles; above, simplifying takes more memory than an
 _MOST_FACES = 500_000  # finer than any camera shows; with more, a mesh is decimated when loaded
 _KEPT_FACES = 100_000  # of such a mesh: 0.7 mm each of an object of 15 cm
 _FINEST_GRID = 256  # cells along the longest side of a mesh: less than a millimetre of 20 cm
-# All that trimesh's loaders raise for broken files.
-_PARSE_ERRORS = (
-    ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, NotImplementedError,
-    struct.error, SyntaxError, AssertionError, OSError, RecursionError, MemoryError, OverflowError,
-    ImportError,  # of the package that this kind of file needs
-    UnboundLocalError,  # of trimesh, for a PLY file that names an element without any
-)  # fmt: skip
 _LEAST_SURFACE = 1e-4  # of a mesh, in squares of its diameter; a rod of 1 : 1000 has 3e-3
 _logger = logging.getLogger(__name__)
 
@@ -92,7 +84,7 @@ def _parsed(path: Path, **options: Any) -> trimesh.Geometry:
         with np.errstate(all="ignore"):
             raw = trimesh.load(path, process=False, maintain_order=True, **options)
             return with_one_kind_of_color(raw).to_mesh() if isinstance(raw, trimesh.Scene) else raw
-    except _PARSE_ERRORS as error:
+    except Exception as error:  # trimesh raises nearly every kind for broken files
         raise DataError(
             f"{path} cannot be read as a mesh ({str(error)[:200]}): export it again, as PLY or GLB"
         ) from error
