@@ -25,6 +25,7 @@ POSE_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 
 _NOT_TIMED = -1.0
 _ROTATION_TOLERANCE = 1e-3
+_MOST = 1e9  # of a number in poses.csv
 
 
 def write_poses(path: Path, estimates: Sequence[PoseEstimate]) -> None:
@@ -74,8 +75,8 @@ def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
         scene, image, object_id = (whole_id(row[key]) for key in POSE_COLUMNS[:3])
     except ValueError as error:
         raise DataError(f"{where}: no pose in BOP's format ({error})") from error
-    if not np.isfinite([*rotation.ravel(), *millimetres, score, time]).all():
-        raise DataError(f"{where}: NaN or infinity")
+    if not (np.abs([*rotation.ravel(), *millimetres, score, time]) <= _MOST).all():
+        raise DataError(f"{where}: NaN, or a number beyond {_MOST:g}")
     exact_rotation(rotation, f"{where}: R", _ROTATION_TOLERANCE)
     pose = rigid(rotation, millimetres / MILLIMETRES_PER_METRE)
     seconds = {"total": time} if time >= 0 else {}
