@@ -74,7 +74,7 @@ TURN, SHIFT = "1 0 0 0 1 0 0 0 1", "0 0 800"
         (HEADER + f"6,0,1,0.5,2 0 0 0 1 0 0 0 1,{SHIFT},1\n", "line 2: R is not a rotation"),
         (HEADER + f"6,0,1,0.5,1 0 0 0 1 0 0 0 -1,{SHIFT},1\n", "a reflection"),
         (HEADER + f"6,0,1,0.5,{TURN},{SHIFT},nan\n", "line 2: NaN"),
-        (HEADER + f"6,0,1,0.5,{TURN},0 0 1e308,1\n", "a number beyond 1e+09"),
+        (HEADER + f"6,0,1,0.5,{TURN},0 0 1e308,1\n", "or a number beyond"),
         (HEADER + f"6,-1,1,0.5,{TURN},{SHIFT},1\n", "'-1' is not an id"),
         (HEADER + f"6,0,1,0_5,{TURN},{SHIFT},1\n", "'0_5' is no number"),
     ],
