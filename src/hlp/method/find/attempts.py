@@ -89,6 +89,7 @@ class Attempts:
         self._estimator, self._context, self._object_id = context.estimator, context, object_id
         self._instances, self._unexplained, self._min_score = instances, unexplained, min_score
         self._of, self._verifier = (context, object_id), context.estimator.verifier(object_id)
+        self._right = max(MIN_SCORE, min_score or 0.0)
         self._colorless = context.estimator.has_templates(object_id)
         self._help_each_other = instances > 1 and self._colorless
         self._found: list[RefinedHypotheses] = []
@@ -107,7 +108,8 @@ class Attempts:
         start = sum(len(before.refined) for before in self._found)
         self._found.append(found)
         rows: Sequence[int] = found.instances
-        if self._help_each_other and self._min_score is None:
+        scores = [self._score(pose) for pose in found.chosen_poses]
+        if self._help_each_other and (self._min_score is None or max(scores) >= self._right):
             rows = range(len(found.refined))  # the chosen ones may turn out to be wrong
         for row in rows:
             pose = found.refined[row].pose_cam_obj
@@ -136,6 +138,12 @@ class Attempts:
             self._searched_beside |= {pose.tobytes() for pose in new}
             coarse = poses_beside(self._verifier, self._context.observation, np.stack(new))
             self.search_further(lambda *_, coarse=coarse: coarse, found)
+
+    def search_rest(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
+        """Search what is left, again and again, while more than before is probably right."""
+        while len(known) < len(found := self.poses(self._right)) < self._instances:
+            self.search_further(coarse_poses, known := found)
+            self.search_neighbours()
 
     def search_turned(self) -> None:
         """Take what stands turned in the place of a likely one, if it fits better.

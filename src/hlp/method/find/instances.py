@@ -34,9 +34,9 @@ def find_instances(
 
     `hypotheses` are those of the `region`. While fewer than `instances` poses are right with a
     probability of a half, the likeliest places of the region are searched, a few at a time. With
-    `min_score` the number of instances is not known: then templates are asked for more of them, and
-    one pose with that score, and of a half at least, is enough. A pose from the fallback has no
-    coarse hypothesis: its source is -1.
+    `min_score` the number of instances is not known: then templates are asked for more of them, as
+    long as they find some, and one pose with that score, and of a half at least, is enough. A pose
+    from the fallback has no coarse hypothesis: its source is -1.
     """
     object_id, estimator = region.object_id, context.estimator
     first = estimator.refine(context, object_id, hypotheses, instances, unexplained, min_score)
@@ -52,6 +52,8 @@ def find_instances(
             break
         attempts.search_further(coarse_poses, right)
         attempts.search_neighbours()
+        if enough == SURE and min_score is not None:
+            attempts.search_rest(coarse_poses, right)
     attempts.search_turned()
     return attempts.merged()
 
