@@ -43,6 +43,9 @@ class Estimator:
     def refine(self, *_):
         return None
 
+    def verifier(self, _):
+        return None
+
     def likely_regions(self, *_):
         return iter(())
 
