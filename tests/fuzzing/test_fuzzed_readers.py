@@ -1,6 +1,8 @@
 """Whatever stands in a file from outside: a sound result, or an error that names the file."""
 
+import io
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -38,6 +40,14 @@ def test_every_reader_is_tried(tmp_path):
     assert {*readers(tmp_path)} == {*READERS}
 
 
+def nameless_zip():
+    """A ZIP archive with a file without a name."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr(zipfile.ZipInfo(""), b"content")
+    return stream.getvalue()
+
+
 @pytest.mark.parametrize(
     ("name", "file", "content"),
     [
@@ -46,12 +56,15 @@ def test_every_reader_is_tried(tmp_path):
         ("runs", ".hydra/overrides.yaml", b"*a"),
         ("runs", ".hydra/overrides.yaml", b"seed"),
         ("runs", ".hydra/overrides.yaml", b"- 1"),
+        ("archives", "a.zip", nameless_zip()),
     ],
 )  # fmt: skip
 def test_what_broke_a_reader_once(tmp_path, name, file, content):
-    (tmp_path / "valid").mkdir()
-    (chosen,) = (each for each in readers(tmp_path / "valid")[name] if each.name == file)
-    try_content(chosen, content, tmp_path)
+    valid, tried = tmp_path / "valid", tmp_path / "tried"
+    valid.mkdir()
+    tried.mkdir()
+    (chosen,) = (each for each in readers(valid)[name] if each.name == file)
+    try_content(chosen, content, tried)
 
 
 @pytest.mark.parametrize(

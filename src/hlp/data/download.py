@@ -258,7 +258,7 @@ def _opened(archive: Path) -> Iterator[Iterator[Member]]:
         with zipfile.ZipFile(archive) as packed:
             yield (
                 Member(
-                    info.filename, info.file_size, info.is_dir(), _is_plain(info),
+                    info.filename, info.file_size, info.filename.endswith("/"), _is_plain(info),
                     partial(packed.open, info),
                 )
                 for info in packed.infolist()
