@@ -195,7 +195,7 @@ def parse_yaml(text: str, where: str) -> Any:
 
 def expanded(path: str | Path) -> Path:
     """The path with ~ expanded. Raises InputError for the home of nobody."""
-    with suppress(RuntimeError):
+    with suppress(RuntimeError, ValueError):  # a name that no user can have is a ValueError
         return Path(path).expanduser()
     raise InputError(f"{path}: there is no such user")
 

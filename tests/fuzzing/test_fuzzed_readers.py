@@ -57,6 +57,7 @@ def nameless_zip():
         ("runs", ".hydra/overrides.yaml", b"seed"),
         ("runs", ".hydra/overrides.yaml", b"- 1"),
         ("archives", "a.zip", nameless_zip()),
+        ("arguments", "box.txt", b"~a\0b["),
     ],
 )  # fmt: skip
 def test_what_broke_a_reader_once(tmp_path, name, file, content):
