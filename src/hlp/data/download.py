@@ -37,7 +37,7 @@ _RESERVE = 50e6  # bytes that stay free
 _ENCRYPTED = 0x1
 _BROKEN = (
     zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, NotImplementedError,
-    UnicodeDecodeError,
+    UnicodeDecodeError, MemoryError,  # of a size that no memory has
     FileExistsError, NotADirectoryError, IsADirectoryError,  # of a file that is a folder, too
 )  # fmt: skip
 _logger = logging.getLogger(__name__)
