@@ -2,6 +2,7 @@
 
 import io
 import json
+import tarfile
 import zipfile
 
 import numpy as np
@@ -48,6 +49,13 @@ def nameless_zip():
     return stream.getvalue()
 
 
+def endless_tar():
+    """A tar archive whose first name is said to be longer than any memory."""
+    about = tarfile.TarInfo("name")
+    about.type, about.size = tarfile.GNUTYPE_LONGNAME, 2**60
+    return about.tobuf(tarfile.GNU_FORMAT) + bytes(512)
+
+
 @pytest.mark.parametrize(
     ("name", "file", "content"),
     [
@@ -57,6 +65,7 @@ def nameless_zip():
         ("runs", ".hydra/overrides.yaml", b"seed"),
         ("runs", ".hydra/overrides.yaml", b"- 1"),
         ("archives", "a.zip", nameless_zip()),
+        ("archives", "a.tar", endless_tar()),
         ("arguments", "box.txt", b"~a\0b["),
     ],
 )  # fmt: skip

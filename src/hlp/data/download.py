@@ -238,7 +238,8 @@ def unpack(archive: Path, folder: Path, root: str) -> int:
     except (*_BROKEN, OSError) as error:  # of the disk, or of a place that no archive has
         if is_expected(error) and not isinstance(error, _BROKEN):
             raise
-        raise DataError(f"{archive} is damaged ({error}): delete it and call again") from error
+        problem = str(error) or type(error).__name__
+        raise DataError(f"{archive} is damaged ({problem}): delete it and call again") from error
 
 
 def require_room(folder: Path, needed: float, what: str) -> None:
