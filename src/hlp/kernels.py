@@ -82,7 +82,7 @@ class _Kernel:
             kernel: Any = numba.njit(nogil=True, cache=keep, **self._options)(self._function)
         kept: Any = getattr(kernel, "_cache", None)
         if hasattr(kept, "_cache_file"):  # not without a cache, nor where NUMBA_DISABLE_JIT is set
-            # Private, as of numba 0.68, which pyproject.toml holds: numba compares this stamp with
+            # Private, as in numba 0.60 to 0.68 (pyproject.toml): numba compares this stamp with
             # the one in its index when it looks for a cached kernel. There is no public way to say
             # what a kernel depends on.
             kept._cache_file._source_stamp = source_digest(self._function.__module__)

@@ -49,7 +49,7 @@ def test_pixels_depths_and_faces_are_those_of_the_reference(subdivisions, z, cul
     differing = covered = 0
     for k in range(20):
         middle = rng.uniform([-0.1, -0.1, 0.4], [0.1, 0.1, 0.6]) * (1 + k % 2)
-        pose = rigid(Rotation.random(rng=rng).as_matrix(), middle)
+        pose = rigid(Rotation.random(random_state=rng).as_matrix(), middle)
         fast, seen, depth, owner = drawn(np.array(ball.vertices), faces, pose, cull)
         both = (fast > 0) & (depth > 0)
         np.testing.assert_allclose(fast[both], depth[both], rtol=1e-5)

@@ -58,7 +58,7 @@ def test_the_recalls_interval_is_scipys_over_blocks() -> None:
         vectorized=True,
         n_resamples=20_000,
         method="percentile",
-        rng=np.random.default_rng(1),
+        random_state=np.random.default_rng(1),
     ).confidence_interval
     np.testing.assert_allclose(recall_interval(right, blocks, 20_000, 2), theirs, atol=0.008)
 

@@ -62,7 +62,7 @@ def test_regions_and_refined_poses_come_back_exactly(trace, tmp_path):
 
 def test_hypotheses_come_back_exactly_and_votes_to_a_micrometre(tmp_path):
     rng = np.random.default_rng(0)
-    turns = Rotation.random(30, rng=0).as_matrix()
+    turns = Rotation.random(30, random_state=0).as_matrix()
     centroids = rng.uniform(-2.0, 2.0, (30, 3))
     pixels = rng.integers(0, 4000, (30, 2)).astype(np.float64)
     votes = Votes(centroids, turns, rng.random(30), np.arange(30), pixels)
