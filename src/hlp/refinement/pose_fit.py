@@ -15,7 +15,6 @@ from hlp.rendering.rasterizer import render_depth
 
 _LEAST_PIXELS = 30
 _BORDER = 5  # px: window whose centre must lie in the silhouette with all its pixels
-_HIDING, _LEAST_HIDING = 4.0, 0.005  # median differences, and m: what is so much nearer hides (D)
 _LIMIT = 2.0  # τ_d: what is farther behind counts as this far
 _SLOPE_SHARE = 0.05  # of the silhouette's longer side: radius over which depth is averaged
 _OUTLINE = 64  # px: longer side of the silhouette whose share in the image is counted
@@ -68,10 +67,7 @@ def measure_fit(verifier: Verifier, observation: Observation, pose_cam_obj: Pose
     agreeing = present & (np.abs(difference) <= tau)
     apart = float(np.median(np.abs(difference[agreeing]))) if agreeing.any() else np.inf
     inside = cv2.erode((rendered > 0.0).astype(np.uint8), np.ones((_BORDER, _BORDER), np.uint8))
-    # Packed parts hide each other by less than τ_d.
-    colored = verifier.model.mesh.colored
-    nearer = tau if colored else np.float32(np.clip(_HIDING * apart, _LEAST_HIDING, tau))
-    visible = present & (difference >= -nearer) & (inside > 0)
+    visible = present & (difference >= -tau) & (inside > 0)
     # What is seen past the object is far behind it by chance: how far says nothing.
     seen = rendered + np.minimum(difference, _LIMIT * tau)
     colors = color_agreement(observation, verifier.model, pose_cam_obj)

@@ -39,21 +39,14 @@ def test_a_plate_lies_on_a_face_mostly_on_a_large_one():
 
 
 def test_more_of_the_object_lie_beside_it_and_walls_around_it():
-    model, rng, packed = plate(), np.random.default_rng(1), 0
+    model, rng = plate(), np.random.default_rng(1)
     for _ in range(20):
         pose, plane = random_case(model, rng)
         center = transform(pose, model.centroid[None])[0]
         others = copies(model.mesh, model, pose, plane, rng)
         places = [center, *(transform(at, model.centroid[None])[0] for _, at in others)]
         apart = [np.linalg.norm(a - b) for i, a in enumerate(places) for b in places[:i]]
-        if others and np.allclose(others[0][1][:3, :3], pose[:3, :3]):  # in rows, nearly touching
-            steps = [pose[:3, :3].T @ (place - center) / (0.12, 0.08, 0.01) for place in places]
-            rows = np.rint(steps)
-            assert np.abs(rows).max() == 1 and len(np.unique(rows, axis=0)) == len(places)
-            assert np.all(np.abs(steps) >= np.abs(rows)) and np.abs(steps - rows).max() <= 0.03
-            packed += 1
-        else:
-            assert min(apart, default=1.0) >= 0.69 * model.diameter
+        assert min(apart, default=1.0) >= 0.69 * model.diameter
         for mesh, at in others:
             heights = transform(at, mesh.vertices) @ plane[0] - plane[1]
             assert abs(heights.min()) < 1e-9
@@ -63,7 +56,6 @@ def test_more_of_the_object_lie_beside_it_and_walls_around_it():
             corners = transform(at, mesh.vertices)
             assert abs((corners @ plane[0] - plane[1]).min()) < 1e-9
             assert np.linalg.norm(corners - center, axis=1).min() > 0.5 * model.diameter
-    assert 5 <= packed <= 15
 
 
 def test_only_an_object_without_colours_is_painted():

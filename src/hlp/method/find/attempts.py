@@ -214,8 +214,7 @@ class Attempts:
         shares, clutter = (np.array(values) for values in zip(*appearances, strict=True))
         evidence = color_evidence(shares, scores * sure, self._colors.shares)
         evidence += plain_evidence(clutter, np.log(scores / (1.0 - scores)), sure)
-        # Looks speak against a pose, never for it: wrong poses on a part look like it, too.
-        pairs = zip(self._answers, BEST_OF_MANY + np.minimum(evidence, 0.0), strict=True)
+        pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
         return [a._replace(score=self._score(a.pose, float(value))) for a, value in pairs]
 
     def _score(self, pose: Pose, appearance: float = BEST_OF_MANY) -> float:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from hlp.arrays import Pose, Poses, Vector
+from hlp.arrays import Pose, Vector
 from hlp.geometry import rigid, transform
 from hlp.objects.shapes import box_walls
 from hlp.records import Mesh, ObjectModel
@@ -16,8 +16,6 @@ _ROOM = (0.8, 3.0)  # from the middle to a wall, in diameters
 _HEIGHT = (0.2, 1.0)  # of a wall, in diameters
 _THICK = 0.02  # m
 _COPIES = (1, 6)
-_PACKED, _GAP = 0.5, 0.03  # share of the scenes with packed ones; of the size, between them
-_NEIGHBOURS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
 _FACING = 0.3  # cosine between a plane's normal and the line of sight, at least
 
 Plane = tuple[Vector, float]
@@ -66,12 +64,9 @@ def bin_walls(
 def copies(
     mesh: Mesh, model: ObjectModel, pose: Pose, plane: Plane, rng: np.random.Generator
 ) -> list[tuple[Mesh, Pose]]:
-    """The object some more times on the plane: packed beside the first one, or turned anyhow."""
-    count = int(rng.integers(_COPIES[0], _COPIES[1] + 1))
+    """The object some more times on the plane, turned about its normal, beside the first one."""
     normal, center, found = plane[0], center_of(model, pose), [(mesh, pose)]
-    if rng.random() < _PACKED:
-        return [(mesh, beside) for beside in _packed(pose, model, normal, rng)[:count]]
-    for _ in range(count):
+    for _ in range(int(rng.integers(_COPIES[0], _COPIES[1] + 1))):
         turn = Rotation.from_rotvec(normal * rng.uniform(0.0, 2.0 * np.pi)).as_matrix()
         away = _upright(normal, rng)[:, 0] * model.diameter * rng.uniform(0.7, 2.0)
         apart = [np.linalg.norm(center + away - center_of(model, other)) for _, other in found]
@@ -79,15 +74,6 @@ def copies(
             moved = turn @ pose[:3, :3]
             found.append((mesh, rigid(moved, center + away - moved @ model.centroid)))
     return found[1:]
-
-
-def _packed(pose: Pose, model: ObjectModel, normal: Vector, rng: np.random.Generator) -> Poses:
-    """Poses of all neighbours that nearly touch the object along its axes in the plane."""
-    rotation, sizes = pose[:3, :3], np.ptp(np.asarray(model.proxy.vertices), axis=0)
-    flat = np.argsort(np.abs(normal @ rotation))[:2]
-    sides = rng.permutation(_NEIGHBOURS) * sizes[flat] * (1.0 + rng.uniform(0.0, _GAP, 2))
-    shifts = sides @ rotation[:, flat].T
-    return rigid(rotation, pose[:3, 3] + shifts - np.outer(shifts @ normal, normal))
 
 
 def with_random_color(mesh: Mesh, rng: np.random.Generator) -> Mesh:
