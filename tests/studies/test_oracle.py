@@ -1,8 +1,13 @@
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from hlp.records import TargetScore
+from hlp.geometry import rigid
+from hlp.method.find.trace import ObjectTrace
+from hlp.records import Hypotheses, Region, Target, TargetScore
+from hlp.studies import oracle
 from hlp.studies.oracle import CELLS, summarise_oracle
 
 NAMES = {1: "cat", 2: "cup"}
@@ -55,3 +60,29 @@ def test_what_the_stages_lost_sums_to_all_misses():
         "fine pose": pytest.approx(1 / 20),
     }
     assert sum(result["lost"].values()) == pytest.approx(1 - 8 / 20)
+
+
+def test_all_instances_of_an_object_are_looked_for(monkeypatch):
+    """Three of one object, of which the estimated region shows two, and votes one."""
+    poses = rigid(np.eye(3), np.eye(3))
+    targets = tuple(Target(1, pose, 1.0) for pose in poses)
+
+    def visible(_, target):
+        return target.pose_cam_obj[None, :3, 3] > 0.0
+
+    def search(_, counts, given, **__):
+        found = given[1].hypotheses
+        chosen = [] if found is None else list(found.poses_cam_obj[: counts[1]])
+        return {1: SimpleNamespace(refined=SimpleNamespace(chosen_poses=chosen))}
+
+    monkeypatch.setattr(oracle, "search_frame", search)
+    detection = SimpleNamespace(dataset=SimpleNamespace(frames=SimpleNamespace()))
+    detection.dataset.frames.visible_mask = visible
+    region = Region(1, np.zeros((0, 2)), np.zeros(0), np.array([[True, True, False]]))
+    stored = ObjectTrace(region, hypotheses=Hypotheses(poses[[0, 0, 0, 0]], np.ones(4)))
+    context = SimpleNamespace(frame=SimpleNamespace(targets=targets))
+    found = oracle._poses_by_cell(detection, context, stored, oracle.OracleSettings())
+    assert {cell: len(some) for cell, some in found.items()} == dict(
+        zip(CELLS, (3, 0, 2, 3), strict=True)
+    )
+    assert np.array_equal(found["true", "true"], poses)

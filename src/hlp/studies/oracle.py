@@ -28,7 +28,6 @@ from hlp.records import (
     Hypotheses,
     PoseEstimate,
     Region,
-    Target,
     TargetScore,
     parse_frame_key,
 )
@@ -114,66 +113,65 @@ def _stage(
 
 
 def _find(detection: DetectionStages, task: OracleSettings, frame: Frame) -> dict[str, np.ndarray]:
-    """Poses of one frame, named `object/region/coarse`; absent if nothing was found.
-
-    Every object is looked for once, as by the method: of several instances the first one counts.
-    """
+    """Poses of one frame, named `object/region/coarse`; absent if nothing was found."""
     context = detection.estimator.prepare(frame)
     stored = detection.read(frame.key, ("regions", "hypotheses"))
-    first = {target.object_id: target for target in reversed(frame.targets)}
     return {
-        f"{object_id}/{region}/{coarse}": pose
+        f"{object_id}/{region}/{coarse}": np.stack(poses)
         for object_id in detection.dataset.instances_to_find(frame)
-        for (region, coarse), pose in _poses_by_cell(
-            detection, context, first[object_id], stored[object_id], task
+        for (region, coarse), poses in _poses_by_cell(
+            detection, context, stored[object_id], task
         ).items()
+        if poses
     }
 
 
 def _poses_by_cell(
-    detection: DetectionStages,
-    context: FrameContext,
-    target: Target,
-    stored: ObjectTrace,
-    task: OracleSettings,
-) -> dict[Cell, Pose]:
-    """Refined pose of a target in every cell that has one.
+    detection: DetectionStages, context: FrameContext, stored: ObjectTrace, task: OracleSettings
+) -> dict[Cell, list[Pose]]:
+    """Refined poses of an object's targets in every cell.
 
-    A true coarse pose stands for perfect votes. Votes need visible patches, so the true coarse pose
-    is given only if the region shows a part of the target.
+    With estimated regions and coarse poses all are looked for at once, else each by itself. A true
+    coarse pose stands for perfect votes. Votes need visible patches, so the true coarse pose is
+    given only if the region shows a part of the target.
     """
-    frame, object_id = context.frame, target.object_id
-    visible = annotated_mask(detection.dataset.frames, frame, target)
-    if visible is None:
-        model = detection.dataset.models[object_id]
-        visible = measured_mask(frame, target, model, task.agree_mm / 1e3)
-    true = ObjectTrace(Region(object_id, np.zeros((0, 2)), np.zeros(0), visible))
-    right = replace(stored, hypotheses=Hypotheses(target.pose_cam_obj[None], np.ones(1)))
-    of_true = _refined(context, object_id, right)
-    found: dict[Cell, Pose | None] = {}
-    for region, start in (("estimated", stored), ("true", true)):
-        found[region, "estimated"] = _refined(context, object_id, start)
-        if start.region is not None and (start.region.mask & visible).any():
-            found[region, "true"] = of_true
-    return {cell: pose for cell, pose in found.items() if pose is not None}
+    assert stored.region is not None
+    frame, object_id = context.frame, stored.region.object_id
+    targets = [target for target in frame.targets if target.object_id == object_id]
+    found: dict[Cell, list[Pose]] = {cell: [] for cell in CELLS}
+    found["estimated", "estimated"] = _refined(context, stored, len(targets))
+    for target in targets:
+        visible = annotated_mask(detection.dataset.frames, frame, target)
+        if visible is None:
+            model = detection.dataset.models[object_id]
+            visible = measured_mask(frame, target, model, task.agree_mm / 1e3)
+        true = ObjectTrace(Region(object_id, np.zeros((0, 2)), np.zeros(0), visible))
+        found["true", "estimated"] += _refined(context, true)
+        coarse = Hypotheses(target.pose_cam_obj[None], np.ones(1))
+        of_true = _refined(context, replace(stored, hypotheses=coarse))
+        found["estimated", "true"] += of_true if (stored.region.mask & visible).any() else []
+        found["true", "true"] += of_true if visible.any() else []
+    return found
 
 
-def _refined(context: FrameContext, object_id: int, given: ObjectTrace) -> Pose | None:
-    """The first answer of a search from a region, or from coarse poses, without the fallback."""
-    start = {object_id: given}
-    found = search_frame(context, {object_id: 1}, given=start, fallback=False, by_threads=False)
-    refined = found[object_id].refined
-    return None if refined is None else refined.refined[refined.best].pose_cam_obj
+def _refined(context: FrameContext, given: ObjectTrace, instances: int = 1) -> list[Pose]:
+    """What a search from a region, or from coarse poses, finds without the fallback."""
+    assert given.region is not None
+    object_id = given.region.object_id
+    counts, start = {object_id: instances}, {object_id: given}
+    trace = search_frame(context, counts, given=start, fallback=False, by_threads=False)
+    refined = trace[object_id].refined
+    return [] if refined is None else refined.chosen_poses
 
 
 def _read(folder: Path, keys: Sequence[str]) -> dict[Cell, list[PoseEstimate]]:
     """Estimates of each cell, from disk."""
     estimates: dict[Cell, list[PoseEstimate]] = {cell: [] for cell in CELLS}
     for key in keys:
-        for name, pose in read_arrays(folder, key).items():
+        for name, poses in read_arrays(folder, key).items():
             object_id, region, coarse = name.split("/")
-            estimate = PoseEstimate(*parse_frame_key(key), int(object_id), pose, 1.0)
-            estimates[region, coarse].append(estimate)
+            of = (*parse_frame_key(key), int(object_id))
+            estimates[region, coarse] += [PoseEstimate(*of, pose, 1.0) for pose in poses]
     return estimates
 
 
