@@ -60,13 +60,15 @@ def refine_and_choose(
     score: Callable[[Pose], float] | None = None,
     min_score: float = 0.0,
     enter: Callable[[str], None] = lambda part: None,
+    candidates: int | None = None,
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose those of lowest verification cost.
 
     Hypotheses that are not finite or lie behind the camera are dropped, and those that are not
     likely (`Verifier.are_likely`); None if no other is left. The rest is refined in order of
-    verification cost, two at a time and at most `candidates`, until the next one costs more than
-    the best refined pose by `max_improvement`: refinement hardly ever lowers a cost by that much.
+    verification cost, two at a time and at most `candidates` (None: the verifier's), until the next
+    one costs more than the best refined pose by `max_improvement`: refinement hardly ever lowers a
+    cost by that much.
     Of the poses that depth cannot tell from the chosen one (`ObjectModel.near_symmetries`), that
     whose colours agree best with the image takes its place. Then it is searched again, in a smaller
     box; what that finds is kept unless its cost, among the refined poses, is higher than before.
@@ -78,9 +80,8 @@ def refine_and_choose(
     the last, and a further one is given up early where the first poses are hopeless. `enter` is
     called with each part that begins: refine, verify or second_search.
     """
-    search = _InstanceSearch(
-        refiner, verifier, observation, hypotheses, seed, unexplained, score, min_score, enter
-    )
+    seen = refiner, verifier, observation, hypotheses, seed, unexplained
+    search = _InstanceSearch(*seen, score, min_score, enter, candidates)
     for _ in range(instances):
         chosen = search.choose_next()
         if chosen is None or search.scores_below(chosen, min_score):
@@ -101,6 +102,7 @@ class _InstanceSearch:
     score: Callable[[Pose], float] | None
     min_score: float
     enter: Callable[[str], None]
+    candidates: int | None
 
     def __post_init__(self) -> None:
         self._begun = time.perf_counter()
@@ -163,7 +165,7 @@ class _InstanceSearch:
 
     def _refine(self) -> None:
         """Refine free hypotheses in order of cost until the next one, or the best, is hopeless."""
-        candidates = self.verifier.settings.candidates
+        candidates = self.candidates or self.verifier.settings.candidates
         if self._instances and self.score is not None:
             candidates = min(candidates, _FURTHER)  # most such searches find none
         coarse_costs = self.verifier.weigh(self._evidence)

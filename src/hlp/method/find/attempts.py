@@ -116,8 +116,13 @@ class Attempts:
             chosen = row in found.instances
             self._answers.append(_Answer(self._score(pose), start + row, pose, chosen))
 
-    def search_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
-        """Refine coarse poses of the missing instances, in what the `known` ones leave."""
+    def search_further(
+        self, coarse_poses: CoarsePoses, known: Sequence[Pose], candidates: int | None = None
+    ) -> None:
+        """Refine coarse poses of the missing instances, in what the `known` ones leave.
+
+        At most `candidates` for each; None: as many as in the first look.
+        """
         rest = Unexplained(self._context, self._unexplained)
         for pose in known:
             rest.take(self._object_id, pose)
@@ -126,7 +131,7 @@ class Attempts:
         if self._colorless and enough is not None:
             # What looks best may be the bin: some more are tried, whatever the score of the first.
             missing, enough = min(missing, _TRIED), None
-        found = self._estimator.refine(*self._of, coarse, missing, rest.left, enough)
+        found = self._estimator.refine(*self._of, coarse, missing, rest.left, enough, candidates)
         self.add(found and replace(found, sources=np.full_like(found.sources, -1)))
 
     def search_neighbours(self) -> None:

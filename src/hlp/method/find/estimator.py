@@ -237,17 +237,18 @@ class PoseEstimator:
         instances: int = 1,
         unexplained: Observation | None = None,
         min_score: float | None = None,
+        candidates: int | None = None,
     ) -> RefinedHypotheses | None:
         """Stage 3: refine the promising hypotheses and choose the best (paper, section 3.3).
 
         At most as many `instances` are chosen as there are things that look like the object, which
         other objects do not explain (`unexplained`: the rest of the image; None: all of it). The
-        first one with a score below `min_score` is the last. None if there is no hypothesis.
+        first one with a score below `min_score` is the last. At most `candidates` hypotheses are
+        refined for each (None: as the settings say). None if there is no hypothesis.
         """
         if len(hypotheses) == 0:
             return None
         context.observer("screen")
-
         return refine_and_choose(
             self._refiner,
             self.verifier(object_id),
@@ -259,6 +260,7 @@ class PoseEstimator:
             None if min_score is None else partial(self.score, context, object_id),
             min_score or 0.0,
             context.observer,
+            candidates,
         )
 
     def follow(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Pose:

@@ -19,6 +19,9 @@ Found = dict[int, RefinedHypotheses | None]
 SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
 """Searches an object once more in the pixels that others leave."""
 
+_AT_PLACES = 4
+"""Hypotheses refined for an instance when likely places are searched: later ones find none (D)."""
+
 
 def find_instances(
     context: FrameContext,
@@ -50,7 +53,7 @@ def find_instances(
         right = attempts.poses(max(enough, min_score or 0))
         if len(right) >= instances or (right and min_score is not None and enough < SURE):
             break
-        attempts.search_further(coarse_poses, right)
+        attempts.search_further(coarse_poses, right, _AT_PLACES if enough < SURE else None)
         attempts.search_neighbours()
         if enough == SURE and min_score is not None:
             attempts.search_rest(coarse_poses, right)
