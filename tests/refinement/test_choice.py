@@ -31,13 +31,14 @@ class Recorder:
 
 
 def try_to_choose(
-    scene, verification, refiner, poses, candidates=8, max_improvement=0.1, support=None
+    scene, verification, refiner, poses, candidates=8, max_improvement=0.1, support=None, most=None
 ):
     # By default all have the same support, which therefore adds nothing to the cost.
     hypotheses = Hypotheses(poses, np.ones(len(poses)) if support is None else support)
     settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
     seen = observe(scene.rgb, scene.depth, CAMERA, settings)
-    return refine_and_choose(refiner, Verifier(scene.model, settings), seen, hypotheses, seed=3)
+    verifier = Verifier(scene.model, settings)
+    return refine_and_choose(refiner, verifier, seen, hypotheses, seed=3, candidates=most)
 
 
 def choose(*args, **options):
@@ -75,6 +76,8 @@ def test_no_more_are_refined_than_asked_for(scene, verification, poses):
     result = choose(scene, verification, Recorder(), poses, candidates=3, max_improvement=1.0)
     costs = costs_of(scene, verification, poses)
     np.testing.assert_array_equal(result.sources, np.argsort(costs)[:3])
+    fewer = choose(scene, verification, Recorder(), poses, 3, max_improvement=1.0, most=2)
+    np.testing.assert_array_equal(fewer.sources, np.argsort(costs)[:2])
 
 
 def test_hypotheses_that_cost_far_more_are_not_refined(scene, verification, poses):

@@ -74,7 +74,7 @@ class Scores:
         logit += self.appearances.get(pose.tobytes(), 0.0)
         return float(1.0 / (1.0 + np.exp(-logit)))
 
-    def refine(self, _, __, coarse, missing, rest, min_score):
+    def refine(self, _, __, coarse, missing, rest, min_score, candidates):
         self.asked.append((missing, min_score))
         return refined(*coarse.poses_cam_obj)
 
@@ -184,7 +184,7 @@ class Turned(Scores):
         super().__init__(verifier, [scores[0]] * 4, templates)
         self._observation, self._wrong = observation, scores[1]
 
-    def refine(self, _, __, coarse, missing, rest, min_score=None):
+    def refine(self, _, __, coarse, missing, rest, min_score=None, candidates=None):
         costs = self._verifier.costs(self._observation, coarse.poses_cam_obj)
         return refined(*coarse.poses_cam_obj[np.argsort(costs)])
 

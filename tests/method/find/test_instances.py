@@ -33,7 +33,7 @@ class Looks:
 
     def __init__(self, *looks, taken=None):
         self.looks, self.taken = [*looks], taken
-        self.asked = []
+        self.asked, self.candidates = [], []
 
     def has_templates(self, _):
         return False
@@ -44,8 +44,9 @@ class Looks:
     def find_hypotheses(self, _, region):
         return ObjectTrace(region, hypotheses=NONE)
 
-    def refine(self, _, __, ___, instances, rest, ____):
+    def refine(self, _, __, ___, instances, rest, ____, candidates=None):
         self.asked.append((instances, rest))
+        self.candidates.append(candidates)
         scores = self.looks.pop(0)
         if scores is None:
             return None
@@ -92,6 +93,7 @@ def test_likely_places_are_searched_until_a_pose_is_right(looks, scores, sources
     estimator = Looks(*looks)
     assert search(estimator) == (scores, sources)
     assert estimator.asked == [(1, None)] * asked
+    assert estimator.candidates == [None, 4, 4, 4][:asked]  # few at places: there are many places
 
 
 def test_missing_instances_are_looked_for_where_the_others_are_not():
