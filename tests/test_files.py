@@ -124,10 +124,7 @@ CASES: dict[str, Case] = {
         lambda folder: read_sweeps(written(folder / "summary.json", "{}").parent),
         "manifest.json",
     ),
-    "sweep: no keys": (
-        lambda folder: read_sweeps(written(folder / "sweep.json", "{}").parent),
-        "",
-    ),
+    "sweep: no keys": (lambda folder: read_sweeps(written(folder / "sweep.json", "{}").parent), ""),
     "learnt: none": (read_record, "holds no learnt objects"),
 }
 

@@ -152,10 +152,7 @@ def test_libraries_count_by_their_version(package):
     import numpy
 
     found = code_of("outside.encoder").libraries
-    assert found == {
-        "python": ".".join(map(str, sys.version_info[:2])),
-        "numpy": numpy.__version__,
-    }
+    assert found == {"python": ".".join(map(str, sys.version_info[:2])), "numpy": numpy.__version__}
     # LLVM makes numba's machine code, though HLP imports numba alone.
     assert {"numba", "llvmlite"} <= code_of("hlp.rendering.zbuffer").libraries.keys()
 

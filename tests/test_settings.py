@@ -9,15 +9,7 @@ import pytest
 from annotated_types import Ge, Gt, Interval, Le, Len
 
 from hlp.errors import ConfigError, DataError
-from hlp.settings import (
-    Doc,
-    Registry,
-    Settings,
-    SettingsError,
-    Stored,
-    read_settings,
-    stored_as,
-)
+from hlp.settings import Doc, Registry, Settings, SettingsError, Stored, read_settings, stored_as
 
 TOOLS: Registry[Any] = Registry("tool", "hlp.voting")
 

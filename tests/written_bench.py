@@ -19,12 +19,7 @@ def bench_path(scale: float, recall: float) -> dict[str, Any]:
 def bench_result() -> dict[str, Any]:
     """The configured path and one that takes three times as long."""
     return {
-        "machine": {
-            "cpu": "Quick 9000",
-            "cores": 2,
-            "threads": 2,
-            "load": 0.1,
-        },
+        "machine": {"cpu": "Quick 9000", "cores": 2, "threads": 2, "load": 0.1},
         "workload": {
             "experiment": "demo",
             "frames": 3,

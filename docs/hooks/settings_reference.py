@@ -10,15 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from hlp.settings import Doc, Registry
 
-UNITS = {
-    "mm": "mm",
-    "cm": "cm",
-    "m": "m",
-    "deg": "°",
-    "px": "px",
-    "ms": "ms",
-    "seconds": "s",
-}
+UNITS = {"mm": "mm", "cm": "cm", "m": "m", "deg": "°", "px": "px", "ms": "ms", "seconds": "s"}
 """What the last part of a key says about its unit."""
 _PLAIN = {int: "integer", float: "number", str: "text", bool: "true or false", Any: "any"}
 _BOUNDS = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}

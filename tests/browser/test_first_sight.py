@@ -37,11 +37,7 @@ def test_readme_and_its_pictures_fit(
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("size", [PHONE, DESK], ids=["phone", "desk"])
 def test_a_report_fits_a_phone_and_goes_dark(
-    shown: ShownRuns,
-    browser: "Chrome",
-    screenshots: Path | None,
-    size: tuple[int, int],
-    dark: bool,
+    shown: ShownRuns, browser: "Chrome", screenshots: Path | None, size: tuple[int, int], dark: bool
 ) -> None:
     seen_by(browser, *size, dark)
     browser.get((shown.run / "report.html").as_uri())

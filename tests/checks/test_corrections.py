@@ -44,6 +44,5 @@ def test_the_corrected_pose_shows_the_object_at_the_same_pixel(frames, models, d
     np.testing.assert_array_equal(pose[:3, :3], target.pose_cam_obj[:3, :3])
     corrected = correction.frame(frames[0])
     np.testing.assert_allclose(
-        project(after, corrected.camera_matrix),
-        project(before, frames[0].camera_matrix),
+        project(after, corrected.camera_matrix), project(before, frames[0].camera_matrix)
     )

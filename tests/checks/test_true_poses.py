@@ -6,13 +6,7 @@ import pytest
 
 from faults import exchanged, with_depth, with_matrix
 from hlp.checks import true_poses
-from hlp.checks.true_poses import (
-    FAULTS,
-    Sample,
-    agreement,
-    check_true_colors,
-    check_true_poses,
-)
+from hlp.checks.true_poses import FAULTS, Sample, agreement, check_true_colors, check_true_poses
 from hlp.geometry import rigid
 
 

@@ -11,13 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hlp.data.cameras import (
-    BrokenImage,
-    FolderCamera,
-    FolderSettings,
-    LinesCamera,
-    load_camera,
-)
+from hlp.data.cameras import BrokenImage, FolderCamera, FolderSettings, LinesCamera, load_camera
 from hlp.data.frame_paths import FramePaths
 from hlp.data.own_frames import CameraSettings
 from hlp.errors import DataError, InputError, MissingFileError

@@ -6,12 +6,7 @@ from boxes import EXTENTS, TRUE, box_model, moved
 from ray_boxes import box_depth
 from scipy.spatial.transform import Rotation
 
-from hlp.evaluation.bop_recalls import (
-    FRACTIONS,
-    BopRecalls,
-    measured_mask,
-    unoccluded_mask,
-)
+from hlp.evaluation.bop_recalls import FRACTIONS, BopRecalls, measured_mask, unoccluded_mask
 from hlp.evaluation.errors import VSD_DELTA
 from hlp.geometry import rigid
 from hlp.records import Frame, Mesh, ObjectModel, Target

@@ -11,11 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from generated_values import motions, point_sets, poses_in_front
 from hlp.evaluation import EvaluationSettings, errors
-from hlp.evaluation.errors import (
-    is_symmetric_flip,
-    near_truth,
-    rotation_error,
-)
+from hlp.evaluation.errors import is_symmetric_flip, near_truth, rotation_error
 from hlp.geometry import inverse, nearest_symmetric_pose, rigid, rotation_distance, transform
 
 K = np.array([[572.4, 0.0, 325.3], [0.0, 573.6, 242.0], [0.0, 0.0, 1.0]])

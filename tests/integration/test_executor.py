@@ -63,8 +63,7 @@ def made(detection):
 
 
 @pytest.mark.parametrize(
-    ("executor", "workers", "threads_each"),
-    [("loky", 2, 1), ("threading", 2, 1), ("loky", 1, 2)],
+    ("executor", "workers", "threads_each"), [("loky", 2, 1), ("threading", 2, 1), ("loky", 1, 2)]
 )
 def test_workers_of_this_machine_find_the_same_bits(
     tiny_run, work, executor, workers, threads_each, monkeypatch

@@ -16,11 +16,7 @@ from hlp.refinement.texture import (
     choose_nearby_by_texture,
     color_agreement,
 )
-from hlp.refinement.texture_kernel import (
-    LogarithmGrid,
-    SeenSurface,
-    sum_color_differences,
-)
+from hlp.refinement.texture_kernel import LogarithmGrid, SeenSurface, sum_color_differences
 from hlp.refinement.verification import VerificationSettings, observe
 from hlp.rendering.rasterizer import Light, render_scene
 from hlp.rendering.surface import color_grid

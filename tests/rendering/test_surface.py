@@ -6,12 +6,7 @@ import trimesh
 
 from hlp.geometry import back_project
 from hlp.records import Mesh, Texture
-from hlp.rendering.surface import (
-    color_grid,
-    sample_surface,
-    sample_texture,
-    surface_and_normals,
-)
+from hlp.rendering.surface import color_grid, sample_surface, sample_texture, surface_and_normals
 
 
 def _box():

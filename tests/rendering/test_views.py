@@ -181,12 +181,7 @@ def test_missing_and_damaged_files_are_named(tmp_path, few_views):
 
 
 # Lowest known energies: Wales & Ulker, Physical Review B 74 (2006), 212101.
-BEST_ENERGY = {
-    2: 0.5,
-    4: 3.674234614,
-    12: 49.165253058,
-    32: 412.261274651,
-}
+BEST_ENERGY = {2: 0.5, 4: 3.674234614, 12: 49.165253058, 32: 412.261274651}
 
 
 def coulomb_energy(points):

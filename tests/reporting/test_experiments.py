@@ -11,12 +11,7 @@ from hydra import compose, initialize_config_dir
 from hlp.commands.composing import config_folder
 from hlp.config.build import build_settings
 from hlp.reporting.experiments import describe_reports, reports_of, write_reports
-from hlp.reporting.paper_reports import (
-    TABLES,
-    TRENDS,
-    object_recalls_table,
-    trend_tables,
-)
+from hlp.reporting.paper_reports import TABLES, TRENDS, object_recalls_table, trend_tables
 from hlp.reporting.results import Result
 from hlp.results.recalls import difference_interval
 from table_text import csv_rows, unpadded

@@ -11,10 +11,7 @@ from hlp.errors import DataError
 from hlp.reporting.page.pages import write_sweep_page
 from hlp.reporting.report import report_runs, write_pages
 from hlp.reporting.study_tables import basin_cells, write_basins
-from hlp.reporting.sweep_report import (
-    describe_sweep,
-    sweep_table,
-)
+from hlp.reporting.sweep_report import describe_sweep, sweep_table
 from hlp.reporting.sweep_report import write_sweep as write_files
 from hlp.reporting.sweeps import read_sweeps
 from hlp.results.recalls import blocks_of, difference_interval, write_target_values

@@ -11,24 +11,12 @@ from hlp.errors import DataError
 from hlp.reporting.page.pages import write_sweep_page
 from hlp.reporting.report import write_pages
 from hlp.reporting.results import result_folders
-from hlp.reporting.sweep_report import (
-    describe_sweep,
-    steps_of,
-    sweep_figure,
-    sweep_table,
-)
+from hlp.reporting.sweep_report import describe_sweep, steps_of, sweep_figure, sweep_table
 from hlp.reporting.sweep_report import write_sweep as write_files
 from hlp.reporting.sweeps import read_sweeps
 from table_text import csv_rows
 from written_results import scored, summary, write_run, write_sweep
-from written_sweeps import (
-    PARTICLES,
-    change,
-    only,
-    set_default,
-    write_scored,
-    write_three_runs,
-)
+from written_sweeps import PARTICLES, change, only, set_default, write_scored, write_three_runs
 
 BOP = {"ar": 0.654, "vsd": 0.6, "mssd": 0.7, "mspd": 0.662}
 

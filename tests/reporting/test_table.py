@@ -1,10 +1,4 @@
-from hlp.reporting.table import (
-    Table,
-    format_interval,
-    format_share,
-    lay_out,
-    prose,
-)
+from hlp.reporting.table import Table, format_interval, format_share, lay_out, prose
 
 
 def test_text_is_aligned_and_markdown_is_a_table() -> None:

@@ -174,15 +174,7 @@ def test_two_processes_do_not_write_into_one_folder(tmp_path):
 IDS = st.integers(0, 10**6)
 SECONDS = st.dictionaries(texts(), st.floats(0.0, 1e3), max_size=3)
 ANY_ESTIMATES = st.lists(
-    st.builds(
-        PoseEstimate,
-        IDS,
-        IDS,
-        IDS,
-        st.none() | motions(5.0),
-        st.floats(0.0, 1.0),
-        SECONDS,
-    ),
+    st.builds(PoseEstimate, IDS, IDS, IDS, st.none() | motions(5.0), st.floats(0.0, 1.0), SECONDS),
     max_size=5,
 )
 SIZES = st.floats(0.0, 1e100) | st.just(float("inf"))

@@ -6,13 +6,7 @@ import pytest
 
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate
-from hlp.studies.bench_times import (
-    PartClock,
-    Spent,
-    TimedDetection,
-    share_of_same,
-    summarise_path,
-)
+from hlp.studies.bench_times import PartClock, Spent, TimedDetection, share_of_same, summarise_path
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 MODELS = {1: SimpleNamespace(symmetries=np.stack([np.eye(4), HALF_TURN]))}

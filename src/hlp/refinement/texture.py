@@ -25,11 +25,7 @@ from hlp.geometry import (
     transform,
 )
 from hlp.records import Mesh, ObjectModel
-from hlp.refinement.texture_kernel import (
-    LogarithmGrid,
-    SeenSurface,
-    sum_color_differences,
-)
+from hlp.refinement.texture_kernel import LogarithmGrid, SeenSurface, sum_color_differences
 from hlp.refinement.verification import Observation
 from hlp.rendering.rasterizer import NEAR, render_depth
 from hlp.rendering.surface import color_grid, surface_and_normals

@@ -12,13 +12,7 @@ from hlp.records import TargetScore
 from hlp.reporting.summary_tables import METRIC_LABELS
 from hlp.reporting.table import Table, format_share, lay_out, prose
 from hlp.results.poses_file import read_scores
-from hlp.results.recalls import (
-    METRICS,
-    TargetKey,
-    blocks_of,
-    difference_interval,
-    numbered_targets,
-)
+from hlp.results.recalls import METRICS, TargetKey, blocks_of, difference_interval, numbered_targets
 
 RESAMPLINGS = 10_000
 SEED = 0

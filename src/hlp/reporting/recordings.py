@@ -10,12 +10,7 @@ from hlp.arrays import Values
 from hlp.reporting.comparison import WELL_VISIBLE, recall_of
 from hlp.reporting.figures.bars import COLORS
 from hlp.reporting.results import Result
-from hlp.reporting.summary_tables import (
-    BOP_RECALLS,
-    run_cells,
-    run_numbers,
-    sure_answers,
-)
+from hlp.reporting.summary_tables import BOP_RECALLS, run_cells, run_numbers, sure_answers
 from hlp.reporting.table import Table, format_share
 from hlp.results.recalls import reliability
 

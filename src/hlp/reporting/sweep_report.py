@@ -10,13 +10,7 @@ import pandas as pd
 from hlp.files import write_csv, write_text
 from hlp.reporting.comparison import difference_cells
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import (
-    Bar,
-    Panel,
-    draw_bars,
-    gain_bar,
-    run_panels,
-)
+from hlp.reporting.figures.bars import Bar, Panel, draw_bars, gain_bar, run_panels
 from hlp.reporting.figures.charts import draw_trade_off
 from hlp.reporting.figures.heat_maps import HeatMap, draw_heat_maps
 from hlp.reporting.mlflow.pages import headline_metrics

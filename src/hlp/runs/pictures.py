@@ -38,12 +38,7 @@ from hlp.reporting.page.report_data import (
     wires_of,
 )
 from hlp.results.recalls import TargetKey, numbered_targets
-from hlp.runs.stage_samples import (
-    FrameResults,
-    entries_on_target,
-    sample_windows,
-    swarms_of_target,
-)
+from hlp.runs.stage_samples import FrameResults, entries_on_target, sample_windows, swarms_of_target
 from hlp.stages.detection import DetectionStages
 
 if TYPE_CHECKING:

@@ -41,10 +41,7 @@ class WarmStart:
 
 
 def read_warm_start(
-    start: WarmStartSettings,
-    settings: MethodSettings,
-    views: Mapping[int, str],
-    store: StageStore,
+    start: WarmStartSettings, settings: MethodSettings, views: Mapping[int, str], store: StageStore
 ) -> WarmStart:
     """Classifier and encoder that a manifest names, from this run's `work`.
 

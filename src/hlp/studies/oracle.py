@@ -23,14 +23,7 @@ from hlp.method.find.estimator import FrameContext
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import ObjectTrace
 from hlp.progress import Progress
-from hlp.records import (
-    Frame,
-    Hypotheses,
-    PoseEstimate,
-    Region,
-    TargetScore,
-    parse_frame_key,
-)
+from hlp.records import Frame, Hypotheses, PoseEstimate, Region, TargetScore, parse_frame_key
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.heat_maps import oracle_map
 from hlp.reporting.study_tables import format_oracle, head_of

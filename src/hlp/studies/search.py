@@ -59,8 +59,7 @@ class SearchSettings(Settings):
 
     name: Literal["search"] = "search"
     trials: Annotated[
-        Count,
-        Doc("total number, with earlier calls; the first is the unchanged configuration (D)"),
+        Count, Doc("total number, with earlier calls; the first is the unchanged configuration (D)")
     ] = 30
     limit_ms: Annotated[
         NotNegative, Doc("limit of the best trial's median time per target (D)")

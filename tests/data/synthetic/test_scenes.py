@@ -5,11 +5,7 @@ import pytest
 
 from hlp.data.synthetic import scenes as synthetic_scenes
 from hlp.data.synthetic.objects import demo_objects
-from hlp.data.synthetic.scenes import (
-    LINEMOD_CAMERA,
-    SyntheticScenes,
-    SyntheticSettings,
-)
+from hlp.data.synthetic.scenes import LINEMOD_CAMERA, SyntheticScenes, SyntheticSettings
 from hlp.records import Frame
 from hlp.rendering.rasterizer import render_depth
 

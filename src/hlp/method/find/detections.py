@@ -237,10 +237,7 @@ def describe_all(context: FrameContext, trace: Trace) -> list[Detection]:
 
 
 def describe(
-    context: FrameContext,
-    object_id: int,
-    refined: RefinedHypotheses | None,
-    seconds: float = 0.0,
+    context: FrameContext, object_id: int, refined: RefinedHypotheses | None, seconds: float = 0.0
 ) -> list[Detection]:
     """The instances that stage 3 chose, with all that is known of them."""
     if refined is None:
@@ -271,10 +268,7 @@ def describe_pose(context: FrameContext, object_id: int, pose_cam_obj: Pose) -> 
 
 
 def _runner_up(
-    context: FrameContext,
-    object_id: int,
-    refined: RefinedHypotheses,
-    chosen: int,
+    context: FrameContext, object_id: int, refined: RefinedHypotheses, chosen: int
 ) -> RunnerUp | None:
     model = context.estimator.learnt.models[object_id]
     poses = np.stack([found.pose_cam_obj for found in refined.refined])

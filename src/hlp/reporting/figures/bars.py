@@ -187,10 +187,7 @@ def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _times_panel(
-    title: str,
-    medians: Sequence[Mapping[str, float | None]],
-    whole: str,
-    loads: Sequence[str] = (),
+    title: str, medians: Sequence[Mapping[str, float | None]], whole: str, loads: Sequence[str] = ()
 ) -> Panel:
     """Stages one after another, shared out so that they end at the median of the whole.
 

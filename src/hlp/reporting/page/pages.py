@@ -16,12 +16,7 @@ from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.figures import charts, svg_in_base64
 from hlp.reporting.figures.bars import object_bars
 from hlp.reporting.page import how_to_repeat, in_base64, run_verdict, write_page
-from hlp.reporting.page.report_data import (
-    PANELS,
-    ReportData,
-    drawn_stages,
-    picture_path,
-)
+from hlp.reporting.page.report_data import PANELS, ReportData, drawn_stages, picture_path
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,
     calibration_words,
