@@ -20,7 +20,7 @@ SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
 """Searches an object once more in the pixels that others leave."""
 
 _AT_PLACES = 4
-"""Hypotheses refined for an instance when likely places are searched: later ones find none (D)."""
+"""Hypotheses of a coloured object that are refined at likely places; later ones are wrong (D)."""
 
 
 def find_instances(
@@ -48,12 +48,13 @@ def find_instances(
     attempts = Attempts(context, object_id, instances, unexplained, min_score)
     attempts.add(first)
     attempts.search_neighbours()
+    at_places = None if estimator.has_templates(object_id) else _AT_PLACES
     for enough, coarse_poses in _fallback_sources(context, region):
         # A low min_score asks for improbable poses too; it must not skip the fallback.
         right = attempts.poses(max(enough, min_score or 0))
         if len(right) >= instances or (right and min_score is not None and enough < SURE):
             break
-        attempts.search_further(coarse_poses, right, _AT_PLACES if enough < SURE else None)
+        attempts.search_further(coarse_poses, right, at_places)
         attempts.search_neighbours()
         if enough == SURE and min_score is not None:
             attempts.search_rest(coarse_poses, right)
