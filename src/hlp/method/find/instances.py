@@ -20,7 +20,7 @@ SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
 """Searches an object once more in the pixels that others leave."""
 
 _AT_PLACES = 4
-"""Hypotheses of a coloured object that are refined at likely places; later ones are wrong (D)."""
+"""Hypotheses of a coloured object refined at likely places; later ones are rarely right (D)."""
 
 
 def find_instances(
