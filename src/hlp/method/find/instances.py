@@ -20,7 +20,10 @@ SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
 """Searches an object once more in the pixels that others leave."""
 
 _AT_PLACES = 4
-"""Hypotheses of a coloured object refined at likely places; later ones are rarely right (D)."""
+"""Hypotheses refined for an instance at likely places: later ones are rarely right (D).
+
+Votes for parts without colours rank worse, so those keep as many as in the first look.
+"""
 
 
 def find_instances(
