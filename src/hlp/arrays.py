@@ -1,4 +1,4 @@
-"""Names for the arrays that most functions of the method take or return, with their shapes.
+"""Names for the arrays that most functions of the method take or return, with their shapes; seeds.
 
 Lengths are in metres, pixels are counted (x, y) from the centre of the first one.
 """
@@ -42,3 +42,8 @@ def spread(items: Sequence[_Item], most: int | None) -> tuple[_Item, ...]:
     """`most` of the items, or all, spread evenly; None: all."""
     count = len(items) if most is None else min(most, len(items))
     return tuple(items[i * len(items) // count] for i in range(count))
+
+
+def derive_seed(*parts: int) -> int:
+    """One seed from several numbers: frames and objects have independent random numbers."""
+    return int(np.random.SeedSequence(parts).generate_state(1)[0])

@@ -19,8 +19,8 @@ def pso_settings(cost_settings, verification):
 
 
 @pytest.fixture
-def icp_settings(cost_settings, verification):
-    return IcpSettings(cost=cost_settings, verification=verification)
+def icp_settings(verification):
+    return IcpSettings(verification=verification)
 
 
 @pytest.fixture(params=["pso", "icp", "none"])

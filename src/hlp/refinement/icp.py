@@ -1,24 +1,30 @@
-"""Fine pose by iterative closest points, point to plane (Chen & Medioni 1992).
+"""Iterative closest points, point to plane (Chen & Medioni 1992).
 
-The alternative that the paper compares PSO with: one least-squares step per iteration instead of a
-search. The model's visible surface points come from a rendering at the current pose.
+Coarse poses of objects without colours are aligned so; as a refiner it is the alternative that the
+paper compares PSO with. Points are paired by projection, and all poses take a step at once.
 """
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-import cv2
 import numpy as np
 from annotated_types import Ge, Le
+from jaxtyping import Float
 
-from hlp.arrays import Points, Pose
-from hlp.geometry import rigid, transform
+from hlp.arrays import CameraMatrix, Image, Points, Poses, Values
+from hlp.geometry import rigid, rotation_matrices, transform
+from hlp.kernels import compiled
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
-from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import REFINERS, Refiner, cost_around
+from hlp.refinement.refiner import REFINERS, Refiner
 from hlp.refinement.verification import Observation, VerificationSettings
-from hlp.rendering.surface import surface_and_normals
-from hlp.settings import Count, Doc, NotNegative, Positive, Settings, Share
+from hlp.rendering.surface import sample_surface
+from hlp.settings import Count, Doc, Positive, Settings
+
+_COARSE = np.array([0.12, 0.10, 0.08, 0.05, 0.03])  # of the diameter (D)
+_SOFT = 0.3  # of a limit: a pair as far apart counts half (Cauchy)
+_ROTATION, _TRANSLATION = 1e-3, 1e-2  # damping, so that nothing slides along a plane
+_SLANT = 0.2  # cosine: surfaces that face the camera less are left out
+_NEAREST = 0.05  # m
 
 
 @REFINERS.register
@@ -27,18 +33,13 @@ class IcpSettings(Settings):
     """Config group `refinement`: iterative closest points, point to plane. All ours (D)."""
 
     name: Literal["icp"] = "icp"
-    cost: CostSettings = field(default_factory=CostSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    iterations: Annotated[int, Ge(1), Le(10_000), Doc("largest number of iterations (D)")] = 20
-    points: Annotated[Count, Doc("approximate number of points on the rendered surface (D)")] = 500
+    iterations: Annotated[int, Ge(1), Le(10_000), Doc("number of iterations (D)")] = 20
+    points: Annotated[Count, Doc("number of points on the model's surface (D)")] = 500
     max_correspondence_mm: Annotated[
         Positive, Doc("pairs farther apart are ignored in the first iteration … (D)")
     ] = 40.0
     final_max_correspondence_mm: Annotated[Positive, Doc("… and in the last (D)")] = 10.0
-    trim: Annotated[
-        Share, Doc("fraction of the pairs, the closest, that is used; this excludes occluders (D)")
-    ] = 0.8
-    converged_mm: Annotated[NotNegative, Doc("stop when no point moves farther (D)")] = 0.05
 
     def build(self, threads: int) -> "IcpRefiner":
         """The refiner; it uses one thread."""
@@ -46,7 +47,7 @@ class IcpSettings(Settings):
 
 
 class IcpRefiner(Refiner):
-    """Point-to-plane ICP of the rendered surface against the observed points around it."""
+    """Point-to-plane ICP of the model's surface against the points seen at its pixels."""
 
     def __init__(self, settings: IcpSettings) -> None:
         self._settings = settings
@@ -60,74 +61,89 @@ class IcpRefiner(Refiner):
         spent: float = 0.0,
     ) -> list[Refinement]:
         """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
-        refined = []
-        for pose in hypotheses.poses_cam_obj:
-            cost = cost_around(model, observation, pose, self._settings.cost)
-            best, iterations = align(cost, pose, self._settings)
-            refined.append(Refinement(best, iterations))
-        return refined
+        settings = self._settings
+        ends = settings.max_correspondence_mm, settings.final_max_correspondence_mm
+        limits = np.geomspace(*ends, settings.iterations) / MILLIMETRES_PER_METRE
+        poses = align_to_depth(
+            hypotheses.poses_cam_obj, model, observation, limits, settings.points
+        )
+        return [Refinement(pose, settings.iterations) for pose in poses]
 
 
-def align(cost: DepthCost, pose_cam_obj: Pose, settings: IcpSettings) -> tuple[Pose, int]:
-    """Aligned pose and the number of steps taken; the given pose if nothing can be matched.
+def align_to_depth(
+    poses_cam_obj: Poses,
+    model: ObjectModel,
+    seen: Observation,
+    limits: Values | None = None,
+    count: int = 150,
+) -> Poses:
+    """Poses that fit the observed depth, near those given; without anything near, the same.
 
-    Correspondences farther apart than a limit are ignored. The limit shrinks geometrically from
-    `max_correspondence_mm` to `final_max_correspondence_mm`. Of the remaining correspondences the
-    closest share `trim` is used.
+    Each step minimises the distances between `count` points of the model, of which those that face
+    the camera matter, and planes with the model's normals through the points that are seen at their
+    pixels. `limits` has one distance (m) for each step: pairs farther apart are left out; None: for
+    coarse poses, whose costs would else mostly tell how coarse they are.
     """
-    from scipy.spatial import cKDTree
+    limits = _COARSE * model.diameter if limits is None else limits
+    surface = sample_surface(model.proxy, count)
+    points = surface.points - model.centroid
+    rotations = poses_cam_obj[:, :3, :3]
+    centers = transform(poses_cam_obj, model.centroid[None])[:, 0]
+    damping = np.diag(np.repeat([_ROTATION * model.diameter**2, _TRANSLATION], 3))
+    for limit in limits:
+        image = seen.depth, seen.camera_matrix, limit
+        sums = _sum_products(rotations, centers, points, surface.normals, *image)
+        paired = np.trace(sums[:, 3:6, 3:6], axis1=1, axis2=2)  # the normals' lengths are 1
+        products = sums[:, :6, :6] + np.maximum(paired, 1.0)[:, None, None] * damping
+        step = np.linalg.solve(products, sums[:, :6, 6:])[..., 0]
+        half_turns = np.concatenate([step[:, :3] / 2.0, np.ones((len(step), 1))], axis=1)
+        rotations, centers = rotation_matrices(half_turns) @ rotations, centers + step[:, 3:]
+    return rigid(rotations, centers - rotations @ model.centroid)
 
-    pose = np.array(pose_cam_obj, dtype=np.float64)
-    seen = cost.observed > 0.0
-    observed, _ = surface_and_normals(
-        cost.observed, seen, int(np.count_nonzero(seen)), cost.camera_matrix
+
+@compiled(error_model="numpy")
+def _sum_products(
+    rotations: Float[np.ndarray, "n 3 3"],
+    centers: Points,
+    points: Points,
+    normals: Points,
+    depth: Image,
+    camera_matrix: CameraMatrix,
+    limit: float,
+) -> Float[np.ndarray, "n 7 7"]:
+    """Weighted sums over pairs of v·vᵀ, v: a step's six effects on a distance, and the distance."""
+    height, width = depth.shape
+    fx, cx, fy, cy = (
+        camera_matrix[0, 0],
+        camera_matrix[0, 2],
+        camera_matrix[1, 1],
+        camera_matrix[1, 2],
     )
-    if len(observed) == 0:
-        return pose, 0
-    tree = cKDTree(observed)
-    first, last = settings.max_correspondence_mm, settings.final_max_correspondence_mm
-    limits = np.geomspace(first, last, settings.iterations) / MILLIMETRES_PER_METRE
-    for iteration, limit in enumerate(limits):
-        points, normals = _surface(cost, pose, settings.points)
-        distances, indices = tree.query(points, distance_upper_bound=limit)
-        near = np.flatnonzero(np.isfinite(distances))
-        near = near[np.argsort(distances[near], kind="stable")][: int(settings.trim * len(near))]
-        if len(near) < 6:
-            return pose, iteration
-        step = _step(points[near], normals[near], observed[indices[near]])
-        pose = step @ pose
-        displacements = np.linalg.norm(transform(step, points[near]) - points[near], axis=1)
-        if (
-            displacements.max() < settings.converged_mm / MILLIMETRES_PER_METRE
-            and limit == limits[-1]
-        ):
-            break
-    return pose, iteration + 1
-
-
-def _surface(cost: DepthCost, pose_cam_obj: Pose, count: int) -> tuple[Points, Points]:
-    """About `count` visible points of the model, spread evenly in the image, and unit normals."""
-    rendered = cost.render(pose_cam_obj)
-    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    inside = cv2.erode((rendered > 0.0).view(np.uint8), cross) > 0
-    points, normals = surface_and_normals(
-        rendered, inside, int(np.count_nonzero(inside)), cost.camera_matrix
-    )
-    keep = np.flatnonzero(normals.any(axis=1))
-    keep = keep[:: max(len(keep) // count, 1)]
-    return points[keep], normals[keep]
-
-
-def _step(points: Points, normals: Points, targets: Points) -> Pose:
-    """Motion (R, t) that minimises Σ (n · (R p + t − target))², linearised about the mean of p.
-
-    Motions that the surface does not constrain, such as a sphere's rotations, are left out.
-    """
-    from scipy.spatial.transform import Rotation
-
-    middle = points.mean(axis=0)
-    jacobian = np.concatenate([np.cross(points - middle, normals), normals], axis=1)
-    residual = np.einsum("ij,ij->i", normals, targets - points)
-    solution = np.linalg.lstsq(jacobian, residual, rcond=1e-4)[0]
-    rotation = Rotation.from_rotvec(solution[:3]).as_matrix()
-    return rigid(rotation, middle + solution[3:] - rotation @ middle)
+    sums = np.zeros((len(centers), 7, 7))
+    arm, normal, effects = np.empty(3), np.empty(3), np.empty(7)
+    for n in range(len(centers)):
+        for k in range(len(points)):
+            for i in range(3):
+                arm[i], normal[i] = 0.0, 0.0
+                for j in range(3):
+                    arm[i] += rotations[n, i, j] * points[k, j]
+                    normal[i] += rotations[n, i, j] * normals[k, j]
+            x, y, z = centers[n, 0] + arm[0], centers[n, 1] + arm[1], centers[n, 2] + arm[2]
+            facing = normal[0] * x + normal[1] * y + normal[2] * z
+            if z < _NEAREST or facing > -_SLANT * np.sqrt(x * x + y * y + z * z):
+                continue
+            u, v = int(np.floor(fx * x / z + cx + 0.5)), int(np.floor(fy * y / z + cy + 0.5))
+            if not (0 <= u < width and 0 <= v < height and abs(depth[v, u] - z) <= limit):
+                continue
+            seen = depth[v, u]
+            effects[6] = normal[0] * ((u - cx) / fx * seen - x)
+            effects[6] += normal[1] * ((v - cy) / fy * seen - y) + normal[2] * (seen - z)
+            for i in range(3):
+                a, b = (i + 1) % 3, (i + 2) % 3
+                effects[i] = arm[a] * normal[b] - arm[b] * normal[a]
+                effects[3 + i] = normal[i]
+            weight = 1.0 / (1.0 + (effects[6] / (_SOFT * limit)) ** 2)
+            for i in range(7):
+                for j in range(7):
+                    sums[n, i, j] += weight * effects[i] * effects[j]
+    return sums

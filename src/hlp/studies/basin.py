@@ -11,12 +11,11 @@ import pandas as pd
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from hlp.arrays import spread
+from hlp.arrays import derive_seed, spread
 from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
 from hlp.geometry import rigid
-from hlp.method.find.estimator import derive_seed
 from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe

@@ -11,12 +11,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from hlp.arrays import derive_seed
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
 from hlp.errors import ConfigError, MissingDependencyError, is_expected
 from hlp.files import SCORES, write_json
 from hlp.folders import locked
-from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import paired_difference, read_targets, surely
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.charts import search_points

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Le, Unit
 from jaxtyping import Float, Float32, Int8, UInt8
 
-from hlp.arrays import CameraMatrix, Image, Mask, Rotation, Values
+from hlp.arrays import CameraMatrix, Image, Mask, Points, Rotation, Values
 from hlp.geometry import rigid
 from hlp.image_edges import NO_EDGE, STEPS, edges
 from hlp.records import ObjectModel
@@ -27,6 +27,8 @@ _FOCAL, _OBJECT, _BORDER = 2000.0, 150, 12  # px: of the camera, the diameter, a
 _OUTLINE_SHARE = 0.6  # of the features; inner edges may have no contrast
 _LEAST = 0.03  # gradient of a rendered view: the silhouette's is 1, that of normals up to 0.5
 _NORMALS = 0.25  # weight of normals beside the silhouette
+_MARGIN = 2.0  # of the views' spacing, about
+_KEPT_SIDE = np.array([0.36, 0.48, 0.8])  # in no plane that symmetries often have
 _SURFACE = 16  # points of the surface whose depths are compared
 _INNER = np.ones((7, 7), np.uint8)  # px around an anchor that must be on the object
 
@@ -56,7 +58,7 @@ class TemplateSettings(Settings):
     ] = 8
     kept_here: Annotated[
         int, Ge(1), Le(10_000), Doc("coarse poses that are kept of each place (D)")
-    ] = 4
+    ] = 8
     match_weight: Annotated[
         NotNegative, Doc("weight of the share of features found against the cost (D)")
     ] = 0.4
@@ -86,7 +88,7 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
     side = _OBJECT + 2 * _BORDER
     centre = (side - 1) / 2.0
     camera = np.array([[_FOCAL, 0.0, centre], [0.0, _FOCAL, centre], [0.0, 0.0, 1.0]])
-    views = view_rotations(thomson(settings.views, 0), np.zeros(1))
+    views = view_rotations(_viewpoints(model, settings.views), np.zeros(1))
     poses = rigid(views, np.array([0.0, 0.0, distance]) - views @ model.centroid)
     angles = 2.0 * np.pi * np.arange(settings.turns) / settings.turns
     nothing = Templates(
@@ -103,6 +105,17 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
         if (made := _turned_view(view, depth, camera, distance, angles, settings.features))
     ]
     return Templates(*(np.concatenate(parts) for parts in zip(nothing, *found, strict=True)))
+
+
+def _viewpoints(model: ObjectModel, count: int) -> Points:
+    """Of so many directions over the sphere those that the object's symmetries tell apart.
+
+    Of equivalent ones the nearest to one direction is kept, and what is hardly farther, so that
+    there is no gap.
+    """
+    around = thomson(count, 0)
+    closeness = np.einsum("sij,vj,i->vs", model.symmetries[:, :3, :3], around, _KEPT_SIDE)
+    return np.asarray(around[closeness[:, 0] >= closeness.max(axis=1) - _MARGIN / np.sqrt(count)])
 
 
 def _turned_view(

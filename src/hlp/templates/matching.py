@@ -15,7 +15,7 @@ from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
 
 _SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
 _FIRST = 16  # features after which a place that has too few of them is left
-_DEPTH_LIMIT, _LEAST_SURFACE = 0.12, 0.7  # of the diameter; share of points that must agree
+_DEPTH_LIMIT, _MOST_WRONG = 0.12, 4  # of the diameter; points of the surface that may be farther
 _PER_PLACE = 6  # templates that are kept at each place
 _PLACE = 0.4  # of the diameter: poses as close as this are at the same place
 _MEDIAN = 5  # px, of the depth at a place
@@ -117,13 +117,20 @@ def _grid_places(
 
 
 def at_different_places(poses_cam_obj: Poses, model: ObjectModel, most: int) -> Rows:
-    """Rows of poses, the best of which come first, without those with `most` better ones nearby."""
+    """Rows of poses, the best of which come first: of each pose one, of each place `most`.
+
+    Poses that symmetries make equal are one.
+    """
     centers = transform(poses_cam_obj, model.centroid[None])[:, 0]
-    near = np.linalg.norm(centers[:, None] - centers, axis=-1) < _PLACE * model.diameter
-    kept = np.zeros(len(centers), dtype=bool)
+    rotations, trace = poses_cam_obj[:, :3, :3].reshape(-1, 9), 1.0 + 2.0 * np.cos(_SAME_TURN)
+    kept = np.zeros(0, dtype=np.int64)
     for n in range(len(centers)):
-        kept[n] = np.count_nonzero(near[n] & kept) < most
-    return np.flatnonzero(kept)
+        apart = np.linalg.norm(centers[kept] - centers[n], axis=1) / model.diameter
+        alike = (poses_cam_obj[n, :3, :3] @ model.symmetries[:, :3, :3]).reshape(-1, 9)
+        same = (alike @ rotations[kept[apart < _SAME_SHIFT]].T > trace).any()
+        if not same and np.count_nonzero(apart < _PLACE) < most:
+            kept = np.append(kept, n)
+    return kept
 
 
 @compiled(fastmath=True)
@@ -149,13 +156,16 @@ def _scan(
         x_0, y_0 = places[p, 0] + half, places[p, 1] + half
         for t in range(len(offsets)):
             scale = focal / (depths[p] - ahead[t])
-            agreeing = 0
+            wrong = 0
             for k in range(surface.shape[1]):
                 x = int(x_0 + scale * surface[t, k, 0])
                 y = int(y_0 + scale * surface[t, k, 1])
+                wrong += 1
                 if 0 <= x < width and 0 <= y < height:
-                    agreeing += abs(depth[y, x] - depths[p] - surface[t, k, 2]) <= limit
-            if agreeing < _LEAST_SURFACE * surface.shape[1]:
+                    wrong -= abs(depth[y, x] - depths[p] - surface[t, k, 2]) <= limit
+                if wrong > _MOST_WRONG:
+                    break
+            if wrong > _MOST_WRONG:
                 continue
             found = 0
             for k in range(count):

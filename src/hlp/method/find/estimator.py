@@ -7,7 +7,7 @@ from functools import cache, cached_property, partial
 
 import numpy as np
 
-from hlp.arrays import Mask, Pixels, Pose, Positions, Values
+from hlp.arrays import Mask, Pixels, Pose, Positions, Values, derive_seed
 from hlp.image_edges import color_edges
 from hlp.kernels import ThreadTeam
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
@@ -20,6 +20,7 @@ from hlp.patches.holistic import candidate_region, center_depths, region_weights
 from hlp.patches.local import region_pixels, thin_out
 from hlp.records import Frame, Hypotheses, ObjectModel, Region
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
+from hlp.refinement.icp import align_to_depth
 from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.texture import choose_nearby_by_texture
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
@@ -185,6 +186,9 @@ class PoseEstimator:
         )
         context.observer("modes")
         found = self._modes.find(votes, model.centroid)
+        if self.has_templates(region.object_id):  # votes by colour are more exact
+            poses = align_to_depth(found.poses_cam_obj, model, context.observation)
+            found = replace(found, poses_cam_obj=poses)
         seconds = {"local": matched - begun, "voting": time.perf_counter() - matched}
         return ObjectTrace(region, cut, votes, found, seconds=seconds)
 
@@ -223,11 +227,12 @@ class PoseEstimator:
         seen = context.observation if unexplained is None else unexplained
         view = context.edge_answers(settings.reach), seen.depth, seen.camera_matrix
         found = match_templates(templates, *view, model, settings, context.mask, self.team)
-        costs = self.verifier(object_id).costs(context.observation, found.poses_cam_obj)
+        poses = align_to_depth(found.poses_cam_obj, model, seen)
+        costs = self.verifier(object_id).costs(context.observation, poses)
         order = np.argsort(costs - settings.match_weight * found.shares, kind="stable")
-        chosen = order[at_different_places(found.poses_cam_obj[order], model, settings.kept_here)]
+        chosen = order[at_different_places(poses[order], model, settings.kept_here)]
         chosen = chosen[: settings.kept + settings.kept_further * (instances - 1)]
-        return Hypotheses(found.poses_cam_obj[chosen], np.ones(len(chosen)))
+        return Hypotheses(poses[chosen], np.ones(len(chosen)))
 
     def refine(
         self,
@@ -293,8 +298,3 @@ class PoseEstimator:
         """The probability that a pose is right, by its fit."""
         fit = self.measure_fit(context, object_id, pose_cam_obj)
         return self.score_model(object_id).score(fit)
-
-
-def derive_seed(*parts: int) -> int:
-    """One seed from several numbers: frames and objects have independent random numbers."""
-    return int(np.random.SeedSequence(parts).generate_state(1)[0])
