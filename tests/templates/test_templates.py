@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from hlp.geometry import rigid, transform
+from hlp.geometry import inverse, rigid, transform
 from hlp.image_edges import NO_EDGE, color_edges, edges
 from hlp.kernels import ThreadTeam
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
+from hlp.rendering.views import thomson
 from hlp.templates.building import DIRECTIONS, TemplateSettings, build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from refinement_scene import as_mesh
@@ -19,6 +20,7 @@ from refinement_scene import as_mesh
 CAMERA = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
 SHAPE = (480, 640)
 SETTINGS = TemplateSettings()
+HALF_TURNS = [(1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0)]
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +72,12 @@ def test_a_flat_part_without_colour_is_found(plate, templates):
         transform(found.poses_cam_obj, points) - transform(pose, points), axis=2
     ).mean(axis=1)
     assert errors[:10].min() < 0.15 * plate.diameter
-    assert (np.diff(found.shares) <= 0).all() and found.shares[0] > 0.7
+    assert (np.diff(found.support) <= 0).all() and found.support[0] > 0.7
     alone = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
     np.testing.assert_array_equal(alone.poses_cam_obj, found.poses_cam_obj)
     nowhere = np.zeros(SHAPE, dtype=bool)
     none = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, nowhere, team)
-    assert len(none.shares) == 0
+    assert len(none.support) == 0
 
 
 def test_a_template_is_what_its_view_shows(plate, templates):
@@ -139,3 +141,18 @@ def test_few_poses_of_one_place_are_kept(plate):
     assert at_different_places(poses, plate, 2).tolist() == [0, 1, 3]
     assert at_different_places(poses, plate, 4).tolist() == [0, 1, 2, 3, 4]
     assert at_different_places(poses[:0], plate, 2).tolist() == []
+    back, about = rigid(np.swapaxes(turns, 1, 2), np.zeros(3)), rigid(np.eye(3), plate.centroid)
+    round_plate = replace(plate, symmetries=about @ back @ inverse(about))
+    assert at_different_places(poses, round_plate, 4).tolist() == [0, 3]
+
+
+def test_symmetries_leave_out_views_and_no_gap(plate):
+    """Every direction has a view as near as before, at it or at an equivalent one."""
+    half_turns = np.stack([rigid(np.diag(d), np.zeros(3)) for d in HALF_TURNS])
+    carton = replace(plate, symmetries=half_turns)
+    views = build_templates(carton, SETTINGS).rotations_cam_obj
+    assert len(views) < 0.5 * len(build_templates(plate, SETTINGS).rotations_cam_obj)
+    towards = -views[:, 2]
+    for direction in thomson(200, 1):
+        nearest = (towards @ (half_turns[:, :3, :3] @ direction).T).max()
+        assert np.degrees(np.arccos(nearest)) < 25.0

@@ -1,16 +1,14 @@
 """Coarse poses where an image has the edges of a template: at every place, at the depth there."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Int8, Int32, UInt8
 
-from hlp.arrays import CameraMatrix, Image, Mask, Points, Poses, Rows, Values
+from hlp.arrays import CameraMatrix, Image, Mask, Points, Poses, Rows
 from hlp.geometry import allocentric_to_egocentric, rigid, transform
 from hlp.image_edges import NO_EDGE, STEPS
 from hlp.kernels import ThreadTeam, compiled
-from hlp.records import ObjectModel
+from hlp.records import Hypotheses, ObjectModel
 from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
 
 _SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
@@ -21,14 +19,6 @@ _PLACE = 0.4  # of the diameter: poses as close as this are at the same place
 _MEDIAN = 5  # px, of the depth at a place
 _NEAREST = 0.1  # m
 _SAME_SHIFT, _SAME_TURN = 0.08, np.deg2rad(14.0)  # of the diameter: matches of one pose
-
-
-@dataclass(frozen=True)
-class Matches:
-    """Poses at which templates match, best first, and the share of features found of each."""
-
-    poses_cam_obj: Poses
-    shares: Values
 
 
 def spread_edges(directions: Int8[np.ndarray, "h w"], reach: int) -> UInt8[np.ndarray, "8 h w"]:
@@ -73,10 +63,11 @@ def match_templates(
     settings: TemplateSettings,
     mask: Mask | None,
     team: ThreadTeam,
-) -> Matches:
+) -> Hypotheses:
     """Lay every template on a grid of places with depth (in the `mask`); the best matches.
 
-    Of matches with nearly the same pose only the best is kept.
+    Of matches with nearly the same pose only the best is kept. Their support is the share of the
+    features that the image has.
     """
     smooth = cv2.medianBlur(np.ascontiguousarray(depth, dtype=np.float32), _MEDIAN)
     places, depths = _grid_places(smooth, mask, settings.step)
@@ -103,7 +94,7 @@ def match_templates(
     shift, trace = _SAME_SHIFT * model.diameter, 1.0 + 2.0 * np.cos(_SAME_TURN)
     best = best[: _choose_different(centers, rotations, shift, trace, best)]
     poses = rigid(rotations[best], centers[best] - rotations[best] @ model.centroid)
-    return Matches(poses, found[best].astype(np.float64))
+    return Hypotheses(poses, found[best].astype(np.float64))
 
 
 def _grid_places(

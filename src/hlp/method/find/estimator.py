@@ -229,7 +229,7 @@ class PoseEstimator:
         found = match_templates(templates, *view, model, settings, context.mask, self.team)
         poses = align_to_depth(found.poses_cam_obj, model, seen)
         costs = self.verifier(object_id).costs(context.observation, poses)
-        order = np.argsort(costs - settings.match_weight * found.shares, kind="stable")
+        order = np.argsort(costs - settings.match_weight * found.support, kind="stable")
         chosen = order[at_different_places(poses[order], model, settings.kept_here)]
         chosen = chosen[: settings.kept + settings.kept_further * (instances - 1)]
         return Hypotheses(poses[chosen], np.ones(len(chosen)))
