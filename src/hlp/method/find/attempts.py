@@ -96,6 +96,7 @@ class Attempts:
         self._answers: list[_Answer] = []
         self._searched_beside: set[bytes] = set()
         self._appearances: dict[int, PartAppearance] = {}
+        self._kept: list[_Answer] | None = None  # of the answers, until there are others
 
     @cached_property
     def _colors(self) -> FrameColors:
@@ -107,6 +108,7 @@ class Attempts:
             return
         start = sum(len(before.refined) for before in self._found)
         self._found.append(found)
+        self._kept = None
         rows: Sequence[int] = found.instances
         scores = [self._score(pose) for pose in found.chosen_poses]
         if self._help_each_other and (self._min_score is None or max(scores) >= self._right):
@@ -167,7 +169,7 @@ class Attempts:
         found = self._estimator.refine(*self._of, coarse, 1, self._unexplained)
         if found is None:
             return
-        best = found.chosen_poses[0]
+        self._kept, best = None, found.chosen_poses[0]  # scores are changed below
         both = np.stack([answer.pose, best])
         before, cost = self._verifier.costs(self._context.observation, both)
         # Each alone is fooled more often: the score by what covers the part, the cost by noise.
@@ -200,9 +202,11 @@ class Attempts:
 
         What a search chose, and is likely, goes before what is only less unlikely.
         """
-        judged = self._judged() if self._colorless else self._answers
-        ordered = sorted(judged, key=lambda a: (not (a.chosen and a.score >= _LIKELY), -a.score))
-        return self._apart(ordered)
+        if self._kept is None:
+            judged = self._judged() if self._colorless else self._answers
+            judged = sorted(judged, key=lambda a: (not (a.chosen and a.score >= _LIKELY), -a.score))
+            self._kept = self._apart(judged)
+        return self._kept
 
     def _judged(self) -> list[_Answer]:
         """All answers, with scores that know what the surest ones look like."""
