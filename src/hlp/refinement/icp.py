@@ -112,13 +112,8 @@ def _sum_products(
     limit: float,
 ) -> Float[np.ndarray, "n 7 7"]:
     """Weighted sums over pairs of v·vᵀ, v: a step's six effects on a distance, and the distance."""
-    height, width = depth.shape
-    fx, cx, fy, cy = (
-        camera_matrix[0, 0],
-        camera_matrix[0, 2],
-        camera_matrix[1, 1],
-        camera_matrix[1, 2],
-    )
+    fx, fy = camera_matrix[0, 0], camera_matrix[1, 1]
+    cx, cy = camera_matrix[0, 2], camera_matrix[1, 2]
     sums = np.zeros((len(centers), 7, 7))
     arm, normal, effects = np.empty(3), np.empty(3), np.empty(7)
     for n in range(len(centers)):
@@ -133,14 +128,14 @@ def _sum_products(
             if z < _NEAREST or facing > -_SLANT * np.sqrt(x * x + y * y + z * z):
                 continue
             u, v = int(np.floor(fx * x / z + cx + 0.5)), int(np.floor(fy * y / z + cy + 0.5))
-            if not (0 <= u < width and 0 <= v < height and abs(depth[v, u] - z) <= limit):
+            inside = 0 <= u < depth.shape[1] and 0 <= v < depth.shape[0]
+            if not inside or not abs(depth[v, u] - z) <= limit:  # NaN, too
                 continue
             seen = depth[v, u]
             effects[6] = normal[0] * ((u - cx) / fx * seen - x)
             effects[6] += normal[1] * ((v - cy) / fy * seen - y) + normal[2] * (seen - z)
             for i in range(3):
-                a, b = (i + 1) % 3, (i + 2) % 3
-                effects[i] = arm[a] * normal[b] - arm[b] * normal[a]
+                effects[i] = arm[i - 2] * normal[i - 1] - arm[i - 1] * normal[i - 2]
                 effects[3 + i] = normal[i]
             weight = 1.0 / (1.0 + (effects[6] / (_SOFT * limit)) ** 2)
             for i in range(7):

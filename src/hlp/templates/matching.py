@@ -66,8 +66,7 @@ def match_templates(
 ) -> Hypotheses:
     """Lay every template on a grid of places with depth (in the `mask`); the best matches.
 
-    Of matches with nearly the same pose only the best is kept. Their support is the share of the
-    features that the image has.
+    Of nearly equal poses only the best is kept; its support is the share of features found.
     """
     smooth = cv2.medianBlur(np.ascontiguousarray(depth, dtype=np.float32), _MEDIAN)
     places, depths = _grid_places(smooth, mask, settings.step)
@@ -141,16 +140,14 @@ def _scan(
     height, width = answers.shape[1:]
     offsets, directions, surface = templates.offsets, templates.directions, templates.surface
     limit, fewest = limits[0], limits[1] * np.float32(_SAME * _FIRST)
-    count = offsets.shape[1]
-    half = np.float32(0.5)
+    count, half = offsets.shape[1], np.float32(0.5)
     for p in range(len(places)):
         x_0, y_0 = places[p, 0] + half, places[p, 1] + half
         for t in range(len(offsets)):
             scale = focal / (depths[p] - ahead[t])
             wrong = 0
             for k in range(surface.shape[1]):
-                x = int(x_0 + scale * surface[t, k, 0])
-                y = int(y_0 + scale * surface[t, k, 1])
+                x, y = int(x_0 + scale * surface[t, k, 0]), int(y_0 + scale * surface[t, k, 1])
                 wrong += 1
                 if 0 <= x < width and 0 <= y < height:
                     wrong -= abs(depth[y, x] - depths[p] - surface[t, k, 2]) <= limit
