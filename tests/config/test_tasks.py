@@ -57,9 +57,9 @@ def test_a_wrong_value_is_named_by_its_key(overrides, message):
 def test_a_refiner_that_is_not_there_is_named_and_others_can_be_added():
     with pytest.raises(ValueError, match=r"^task\.compared names 'psi': choose of pso, icp, none"):
         build_settings(compose_config("output=out", "experiment=basin", "task.compared=[psi]"))
-    with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.trim is 'much'"):
+    with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.points is 'much'"):
         build_settings(
-            compose_config("output=out", "experiment=basin", "task.refiners.icp.trim=much")
+            compose_config("output=out", "experiment=basin", "task.refiners.icp.points=much")
         )
     with pytest.raises(
         ValueError, match=r"^task\.refiners\.icp\.name is 'icq': choose one of icp, none, pso$"

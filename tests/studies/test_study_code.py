@@ -47,7 +47,7 @@ def names() -> dict[str, str]:
 @pytest.mark.parametrize(
     ("module", "changed"),
     [
-        ("hlp.refinement.icp", {"icp", "oracle", "search"}),
+        ("hlp.refinement.icp", {"icp", "pso", "oracle", "search"}),
         ("fake_detection", {"icp", "pso", "oracle", "search"}),  # it reads the frames
         ("hlp.models.pca", set()),
     ],
