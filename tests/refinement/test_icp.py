@@ -10,12 +10,9 @@ from refinement_scene import disturbed, error, make_scene
 
 
 def aligned_once(pose, scene, limit):
-    """One damped, weighted least-squares step, as the paper on ICP has it."""
-    model, camera, surface = (
-        scene.model,
-        scene.camera_matrix,
-        sample_surface(scene.model.proxy, 150),
-    )
+    """One step of least squares: its turn about the centroid (rad) and its shift (m)."""
+    model, camera = scene.model, scene.camera_matrix
+    surface = sample_surface(model.proxy, 150)
     centre = transform(pose, model.centroid[None])[0]
     points, normals = transform(pose, surface.points), surface.normals @ pose[:3, :3].T
     pixels = np.floor(project(points, camera) + 0.5).astype(int)

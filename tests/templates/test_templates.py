@@ -146,8 +146,8 @@ def test_few_poses_of_one_place_are_kept(plate):
     assert at_different_places(poses, round_plate, 4).tolist() == [0, 3]
 
 
-def test_symmetries_leave_out_views_and_no_gap(plate):
-    """Every direction has a view as near as before, at it or at an equivalent one."""
+def test_symmetries_leave_out_views_and_hardly_a_gap(plate):
+    """Every direction has a view near it or near an equivalent one: 23° (all views: 20°)."""
     half_turns = np.stack([rigid(np.diag(d), np.zeros(3)) for d in HALF_TURNS])
     carton = replace(plate, symmetries=half_turns)
     views = build_templates(carton, SETTINGS).rotations_cam_obj
@@ -155,4 +155,4 @@ def test_symmetries_leave_out_views_and_no_gap(plate):
     towards = -views[:, 2]
     for direction in thomson(200, 1):
         nearest = (towards @ (half_turns[:, :3, :3] @ direction).T).max()
-        assert np.degrees(np.arccos(nearest)) < 25.0
+        assert np.degrees(np.arccos(nearest)) < 23.5

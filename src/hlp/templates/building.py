@@ -110,8 +110,8 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
 def _viewpoints(model: ObjectModel, count: int) -> Points:
     """Of so many directions over the sphere those that the object's symmetries tell apart.
 
-    Of equivalent ones the nearest to one direction is kept, and what is hardly farther, so that
-    there is no gap.
+    Of equivalent ones the nearest to one direction is kept, and what is hardly farther: for a
+    carton, the farthest direction from any view is then 23° off instead of 20°.
     """
     around = thomson(count, 0)
     closeness = np.einsum("sij,vj,i->vs", model.symmetries[:, :3, :3], around, _KEPT_SIDE)

@@ -13,7 +13,7 @@ from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
 
 _SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
 _FIRST = 16  # features after which a place that has too few of them is left
-_DEPTH_LIMIT, _MOST_WRONG = 0.12, 4  # of the diameter; points of the surface that may be farther
+_DEPTH_LIMIT, _MOST_WRONG = 0.12, 4  # of the diameter; points of the surface that may be off
 _PER_PLACE = 6  # templates that are kept at each place
 _PLACE = 0.4  # of the diameter: poses as close as this are at the same place
 _MEDIAN = 5  # px, of the depth at a place
@@ -148,9 +148,8 @@ def _scan(
             wrong = 0
             for k in range(surface.shape[1]):
                 x, y = int(x_0 + scale * surface[t, k, 0]), int(y_0 + scale * surface[t, k, 1])
-                wrong += 1
-                if 0 <= x < width and 0 <= y < height:
-                    wrong -= abs(depth[y, x] - depths[p] - surface[t, k, 2]) <= limit
+                inside = 0 <= x < width and 0 <= y < height
+                wrong += not (inside and abs(depth[y, x] - depths[p] - surface[t, k, 2]) <= limit)
                 if wrong > _MOST_WRONG:
                     break
             if wrong > _MOST_WRONG:
