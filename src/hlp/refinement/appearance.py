@@ -1,21 +1,27 @@
-"""What parts whose model has no colours look like in a frame: their colours, how plain they are.
+"""What parts whose model has no colours look like in a frame: colours, print, how plain they are.
 
-Parts of one kind look alike, whatever their colour is. An answer in the colours of the surest ones
-is more likely right, one in the colours of the bin less. Most parts are of one material: within
-their outline, the image has edges only where the model has some. Cartons are printed; the surest
-answers tell whether the parts of a frame are.
+Parts of one kind look alike, whatever their colour is. An answer in the colours of others that are
+probably right is more likely right, one in the colours of the bin less. Most parts are of one
+material: within their outline, the image has edges only where the model has some. Cartons are
+printed; the surest answers tell whether the parts of a frame are. If so, right answers show the
+same print at the same places of their surface.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Float32, Int64, UInt8
 
-from hlp.arrays import Flags, Pose, Rgb, Values
+from hlp.arrays import Flags, Points, Pose, Rgb, Values
+from hlp.geometry import project, transform
 from hlp.image_edges import NO_EDGE, color_edges
+from hlp.kernels import compiled
+from hlp.records import ObjectModel
 from hlp.refinement.verification import Observation, Verifier
+from hlp.rendering.surface import sample_surface
 
 _SIZES = (6, 12, 12)  # classes of lightness, and of both axes of colour
 _WIDTHS = np.array([43, 9, 9])  # of a class
@@ -23,13 +29,35 @@ _LOWEST = np.array([0, 74, 74])  # of the first class; what lies outside counts 
 _BLUR = 0.7  # classes: neighbours are much the same colour
 _BACKGROUND = 0.3  # weight of the image's colours, in instances: parts have other sides, too (D)
 _RAREST = 1e-5
+_COLOR = 0.7  # of the colours' log-likelihood ratio: neighbouring pixels tell the same (D)
+
+_SAMPLES = 256  # of the surface, at which print is compared
+_BLURRED = 0.02  # of the diameter: poses are no more exact
+_SAME_SURFACE = 0.005  # m between a sample and what is drawn at its pixel
+_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(20.0))  # not of dark noise
+# From those of red, green and blue to brightness, of which half counts as light varies, and chroma.
+_OPPONENT = np.array([[0.5, 0.5, 0.5], [1, -1, 0], [1, 1, -2]], np.float32)
+_OPPONENT /= np.sqrt(np.array([[3], [2], [6]], np.float32))
+_LIMIT = 0.6  # of a difference: highlights and labels are larger
+_NOISE = 0.02  # mean squared difference that light alone makes
+_TYPICAL = 150  # pixels that tell which colours the frame has
+_COMMON = 0.12  # share of the samples that two answers must both show to be compared
+_ALIKE, _STEEPNESS = 0.4, 8.0  # of the log-likelihood ratio in the differences' ratio (D)
+_RANGE = -4.0, 3.0  # of it
+_LEAST = 0.05  # probability of answers whose print others are compared with
+_UNSEEN = 0.1  # weight of print that no answer shows, in instances
+_MOST = 2.5  # evidence of print
+
+_ROUNDS = 3  # in which answers tell each other which are right
+_EVERY = 4  # px: of the pixels by which the places of answers are told apart
+_SAME_PLACE = 0.2  # share of the smaller one's pixels
+
 _BORDER = 4  # px: nearer to edges of the model, edges of the image are expected
 _CREASE = 0.006  # m: second difference of depth at an edge of the model (D)
 _NEAR = 1  # px from an edge
 _LEAST_PIXELS = 30
 _PLAIN = 0.8  # probability that a part without colours in its model is of one material (D)
 _UNSURE = 1.5  # of the logit of scores by which that is judged (D)
-_COLOR = 0.7  # of the colours' log-likelihood ratio: neighbouring pixels tell the same (D)
 BEST_OF_MANY = -0.3
 """Added to the logit before anything is seen of colours: templates find many poses, and of the best
 of many more are wrong than of the few on which scores are calibrated (D)."""
@@ -38,42 +66,84 @@ Shares = Float[np.ndarray, "864"]
 """Share of the pixels in each class of colour."""
 
 
-class PartAppearance(NamedTuple):
-    """Within an outline: the `shares` of colours, and of pixels near an edge that the model lacks.
+class PartSurface(NamedTuple):
+    """Samples of a model's surface (m), and for each of its symmetries their rows after it."""
 
-    `clutter` is nan where too few pixels are far from the model's own edges.
+    points: Points
+    equal: Int64[np.ndarray, "k m"]
+
+    @classmethod
+    def of(cls, model: ObjectModel) -> "PartSurface":
+        """That of a model: the sample nearest to where a symmetry moves a sample counts as it."""
+        points = sample_surface(model.proxy, _SAMPLES).points
+        moved = (transform(symmetry, points) for symmetry in model.symmetries)
+        equal = [np.linalg.norm(m[:, None] - points, axis=-1).argmin(axis=1) for m in moved]
+        return cls(points, np.array(equal))
+
+
+class PartAppearance(NamedTuple):
+    """What an image shows of a part at a pose.
+
+    The `shares` of colours within its outline, and that of pixels near an edge that the model
+    lacks, the `clutter`: nan where too few pixels are far from the model's own edges. `covered` are
+    the pixels that agree in depth, every fourth along both axes. `print` are the colours at the
+    samples of the surface, nan where they are not seen, and `unlike` their mean squared difference
+    to the frame's colours.
     """
 
     shares: Shares
     clutter: float
+    covered: Bool[np.ndarray, "c"]
+    print: Float32[np.ndarray, "m 3"]
+    unlike: Float32[np.ndarray, "m"]
 
 
 @dataclass(frozen=True)
 class FrameColors:
-    """The class of colour (in CIE L*a*b*) of each pixel, the `shares` of all classes, and edges."""
+    """What all parts of a kind in an image are compared with.
+
+    The class of colour (in CIE L*a*b*) of each pixel, the `shares` of all classes, and edges; the
+    image `blurred` as much as poses are inexact, and colours `typical` of it.
+    """
 
     classes: Int64[np.ndarray, "h w"]
     shares: Shares
     near_edge: Bool[np.ndarray, "h w"]
+    blurred: Rgb
+    typical: Float32[np.ndarray, "t 3"]
 
     @classmethod
-    def of(cls, rgb: Rgb) -> "FrameColors":
-        """Those of an image."""
+    def of(cls, rgb: Rgb, size: float) -> "FrameColors":
+        """Those of an image in which the diameter of a part is about this `size` (px)."""
         lab = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2LAB).astype(np.int64)
         places = np.clip((lab - _LOWEST) // _WIDTHS, 0, np.array(_SIZES) - 1)
         classes = np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), _SIZES)
-        return cls(classes, _shares(classes), _near(color_edges(rgb) != NO_EDGE, _NEAR))
+        near_edge = _near(color_edges(rgb) != NO_EDGE, _NEAR)
+        blurred = np.asarray(cv2.GaussianBlur(rgb, (0, 0), max(_BLURRED * size, 0.3)))
+        pixels = blurred.reshape(-1, 3)
+        typical = _opponent(pixels[np.arange(_TYPICAL) * len(pixels) // _TYPICAL])
+        return cls(classes, _shares(classes), near_edge, blurred, typical)
 
     def at(
-        self, verifier: Verifier, observation: Observation, pose_cam_obj: Pose
+        self, verifier: Verifier, observation: Observation, pose: Pose, surface: PartSurface
     ) -> PartAppearance:
         """The look of the pixels that agree in depth with a pose of the verifier's object."""
-        agreeing, rendered = verifier.explained(observation, pose_cam_obj)
+        agreeing, rendered = verifier.explained(observation, pose)
         own_edges = (rendered == 0.0) | (np.abs(cv2.Laplacian(rendered, cv2.CV_32F)) > _CREASE)
         inside = agreeing & ~_near(own_edges, _BORDER)
         enough = np.count_nonzero(inside) >= _LEAST_PIXELS
         clutter = float(self.near_edge[inside].mean()) if enough else np.nan
-        return PartAppearance(_shares(self.classes[agreeing]), clutter)
+
+        points = transform(pose, surface.points)
+        pixels = np.floor(project(points, observation.camera_matrix) + 0.5).astype(int)
+        x, y = np.clip(pixels, 0, np.array(rendered.shape[::-1]) - 1).T
+        seen = agreeing[y, x] & (pixels == np.column_stack([x, y])).all(axis=1)
+        seen &= np.abs(rendered[y, x] - points[:, 2]) < _SAME_SURFACE
+        print_ = np.where(seen[:, None], _opponent(self.blurred[y, x]), np.float32(np.nan))
+        unlike = np.square(print_[:, None] - self.typical).sum(axis=-1)
+        unlike = np.minimum(unlike, np.float32(_LIMIT**2)).mean(axis=1)
+        shares, covered = _shares(self.classes[agreeing]), agreeing[::_EVERY, ::_EVERY].ravel()
+        return PartAppearance(shares, clutter, covered, print_, unlike)
 
 
 def _near(mask: Bool[np.ndarray, "h w"], distance: int) -> Bool[np.ndarray, "h w"]:
@@ -91,34 +161,138 @@ def _shares(classes: Int64[np.ndarray, "n"]) -> Shares:
     return np.asarray(shares / max(float(shares.sum()), 1.0))
 
 
+def _opponent(colors: UInt8[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+    """Brightness and two axes of chroma of colours, as logarithms."""
+    return np.asarray(_LOGARITHMS[colors] @ _OPPONENT.T)
+
+
+def appearance_evidence(
+    seen: Sequence[PartAppearance],
+    logits: Values,
+    sure: Flags,
+    frame: FrameColors,
+    surface: PartSurface,
+) -> Values:
+    """Log-likelihood ratio of right against wrong that the look of each answer tells.
+
+    `logits` are those of the answers' scores, `sure` ones tell whether the parts are printed.
+    """
+    clutter = np.array([answer.clutter for answer in seen])
+    evidence, printed = plain_evidence(clutter, logits, sure)
+    covered = np.array([answer.covered for answer in seen], dtype=np.float32)
+    area = covered.sum(axis=1)
+    same = covered @ covered.T > _SAME_PLACE * np.minimum(area[:, None], area)
+    np.fill_diagonal(same, True)
+    logits = logits + evidence
+    colors = color_evidence(np.stack([a.shares for a in seen]), logits, same, frame.shares)
+    return np.asarray(evidence + colors + printed * print_evidence(seen, logits, same, surface))
+
+
 def color_evidence(
-    shares: Float[np.ndarray, "n 864"], weights: Values, background: Shares
+    shares: Float[np.ndarray, "n 864"],
+    logits: Values,
+    same: Bool[np.ndarray, "n n"],
+    background: Shares,
 ) -> Values:
     """Log-likelihood ratio of each answer's colours: those of the part against the image's.
 
-    The colours of the part are those of the answers, by their `weights`. An answer does not speak
-    for itself: it is compared with the others. 0 where no other one has a weight.
+    The colours of the part are those of the answers at other places, by the probability of their
+    `logits`: no answer speaks for itself, or for what is at the `same` place. Which are probable
+    changes by what they tell of each other, so many doubtful ones that look alike outweigh a surer
+    one that looks like none.
     """
-    total = weights @ shares
-    part = total - weights[:, None] * shares + _BACKGROUND * background
-    part /= (weights.sum() - weights + _BACKGROUND)[:, None]
-    ratio = np.log((part + _RAREST) / (background + _RAREST))
-    return np.asarray(_COLOR * (shares * ratio).sum(axis=1))
+    evidence = np.zeros(len(logits))
+    for _ in range(_ROUNDS):
+        others = _weights_of_others(logits + evidence, same)
+        part = others.T @ shares + _BACKGROUND * background
+        part /= others.sum(axis=0)[:, None] + _BACKGROUND
+        ratio = np.log((part + _RAREST) / (background + _RAREST))
+        evidence = _COLOR * (shares * ratio).sum(axis=1)
+    return evidence
 
 
-def plain_evidence(clutter: Values, logits: Values, sure: Flags) -> Values:
-    """Log-likelihood ratio of right against wrong that each answer's clutter tells.
+def print_evidence(
+    seen: Sequence[PartAppearance],
+    logits: Values,
+    same: Bool[np.ndarray, "n n"],
+    surface: PartSurface,
+) -> Values:
+    """The same of the colours at each place of the surface; 0 where nothing comparable is seen."""
+    shown = np.flatnonzero(_probabilities(logits) >= _LEAST)
+    prints, unlike = np.stack([a.print for a in seen]), np.stack([a.unlike for a in seen])
+    constants = _LIMIT**2, _COMMON, _NOISE, _ALIKE
+    ratios = _difference_ratios(prints, unlike, shown, surface.equal, *constants)
+    alike = np.exp(np.clip(_STEEPNESS * (_ALIKE - ratios), *_RANGE))
+    alike[np.isnan(ratios)] = 1.0
+    evidence = np.zeros(len(logits))
+    for _ in range(_ROUNDS):
+        others = _weights_of_others(logits + evidence, same)[shown]
+        ratio = (_UNSEEN + (others * alike).sum(axis=0)) / (_UNSEEN + others.sum(axis=0))
+        evidence = np.clip(np.log(ratio), -_MOST, _MOST)
+    return evidence
+
+
+def _weights_of_others(logits: Values, same: Bool[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """Weight (first axis) of each for those elsewhere: its probability, at most 1 at a place."""
+    right = _probabilities(logits)
+    weights = right * (same * right).max(axis=1) / np.maximum(same @ right, 1e-9)
+    return np.where(same, 0.0, weights[:, None])
+
+
+def _probabilities(logits: Values) -> Values:
+    return np.asarray(1.0 / (1.0 + np.exp(-logits)))
+
+
+@compiled()
+def _difference_ratios(
+    colors: Float32[np.ndarray, "n m 3"],
+    unlike: Float32[np.ndarray, "n m"],
+    shown: Int64[np.ndarray, "s"],
+    equal: Int64[np.ndarray, "k m"],
+    limit: float,
+    common: float,
+    noise: float,
+    neutral: float,
+) -> Float[np.ndarray, "s n"]:
+    """Squared difference of each answer's colours to the shown ones' over that to the frame's.
+
+    That of the symmetry with which it is least; nan if both show less than the `common` share.
+    """
+    count, samples = colors.shape[:2]
+    ratios = np.full((len(shown), count), np.nan)
+    for s in range(len(shown)):
+        other = colors[shown[s]]
+        for n in range(count):
+            for k in range(len(equal)):
+                found, total, both = 0.0, 0.0, 0
+                for m in range(samples):
+                    squared = 0.0
+                    for c in range(3):
+                        squared += (colors[n, m, c] - other[equal[k, m], c]) ** 2
+                    if squared == squared:  # NaN where one of them does not show the sample
+                        found += min(squared, limit)
+                        total += unlike[n, m]
+                        both += 1
+                ratio = (found + neutral * noise * both) / (total + noise * both + 1e-9)
+                if both >= common * samples and not ratios[s, n] <= ratio:
+                    ratios[s, n] = ratio
+    return ratios
+
+
+def plain_evidence(clutter: Values, logits: Values, sure: Flags) -> tuple[Values, float]:
+    """Log-likelihood ratio of right against wrong that each clutter tells, and whether printed.
 
     Much if the part is of one material. If it is printed, only where edges are so dense that an
     outline finds some anywhere. How likely either is follows from the `sure` answers and their
-    scores' `logits`.
+    scores' `logits`; the second value is the probability that the parts are printed.
     """
     # Measured: .03 to .25 within right outlines of plain parts, .25 to .9 within wrong ones; .2 to
     # .7 within cartons, .75 to 1 where parts were taken for a table full of things (D).
     seen = np.where(np.isfinite(clutter), clutter, 0.25)
     plain = np.exp(np.clip(2.5 - 10.0 * seen, -4.0, 1.5))
     printed = np.exp(-8.0 * np.maximum(seen - 0.6, 0.0))
-    right = 1.0 / (1.0 + np.exp(_UNSURE - logits[sure]))
+    right = _probabilities(logits[sure] - _UNSURE)
     likelihoods = [np.prod(right * ratio[sure] + 1.0 - right) for ratio in (plain, printed)]
     weights = np.array([_PLAIN, 1.0 - _PLAIN]) * likelihoods
-    return np.asarray(np.log(weights @ np.stack([plain, printed]) / weights.sum()))
+    weights /= weights.sum()
+    return np.log(weights @ np.stack([plain, printed])), float(weights[1])

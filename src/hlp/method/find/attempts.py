@@ -16,8 +16,8 @@ from hlp.refinement.appearance import (
     BEST_OF_MANY,
     FrameColors,
     PartAppearance,
-    color_evidence,
-    plain_evidence,
+    PartSurface,
+    appearance_evidence,
 )
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.refiner import refinable
@@ -100,7 +100,14 @@ class Attempts:
 
     @cached_property
     def _colors(self) -> FrameColors:
-        return FrameColors.of(self._context.frame.rgb)
+        model, observation = self._verifier.model, self._context.observation
+        distance = float(transform(self._answers[0].pose, model.centroid[None])[0, 2])
+        size = observation.camera_matrix[0, 0] * model.diameter / distance
+        return FrameColors.of(self._context.frame.rgb, size)
+
+    @cached_property
+    def _surface(self) -> PartSurface:
+        return PartSurface.of(self._verifier.model)
 
     def add(self, found: RefinedHypotheses | None) -> None:
         """Add what the next search found."""
@@ -218,11 +225,12 @@ class Attempts:
         sure = np.array([answer.row in rows for answer in self._answers])
         new = [answer for answer in self._answers if answer.row not in self._appearances]
         seen = self._verifier, self._context.observation
-        self._appearances |= {answer.row: self._colors.at(*seen, answer.pose) for answer in new}
+        for answer in new:
+            found = self._colors.at(*seen, answer.pose, self._surface)
+            self._appearances[answer.row] = found
         appearances = [self._appearances[answer.row] for answer in self._answers]
-        shares, clutter = (np.array(values) for values in zip(*appearances, strict=True))
-        evidence = color_evidence(shares, scores * sure, self._colors.shares)
-        evidence += plain_evidence(clutter, np.log(scores / (1.0 - scores)), sure)
+        logits = np.log(scores / (1.0 - scores))
+        evidence = appearance_evidence(appearances, logits, sure, self._colors, self._surface)
         pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
         return [a._replace(score=self._score(a.pose, float(value))) for a, value in pairs]
 
