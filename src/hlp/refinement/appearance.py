@@ -30,7 +30,6 @@ _BLUR = 0.7  # classes: neighbours are much the same colour
 _BACKGROUND = 0.3  # weight of the image's colours, in instances: parts have other sides, too (D)
 _RAREST = 1e-5
 _COLOR = 0.7  # of the colours' log-likelihood ratio: neighbouring pixels tell the same (D)
-
 _SAMPLES = 256  # of the surface, at which print is compared
 _BLURRED = 0.02  # of the diameter: poses are no more exact
 _SAME_SURFACE = 0.005  # m between a sample and what is drawn at its pixel
@@ -47,11 +46,9 @@ _RANGE = -4.0, 3.0  # of it
 _LEAST = 0.05  # probability of answers whose print others are compared with
 _UNSEEN = 0.1  # weight of print that no answer shows, in instances
 _MOST = 2.5  # evidence of print
-
 _ROUNDS = 3  # in which answers tell each other which are right
 _EVERY = 4  # px: of the pixels by which the places of answers are told apart
 _SAME_PLACE = 0.2  # share of the smaller one's pixels
-
 _BORDER = 4  # px: nearer to edges of the model, edges of the image are expected
 _CREASE = 0.006  # m: second difference of depth at an edge of the model (D)
 _NEAR = 1  # px from an edge
@@ -179,7 +176,8 @@ def appearance_evidence(
     """
     clutter = np.array([answer.clutter for answer in seen])
     evidence, printed = plain_evidence(clutter, logits, sure)
-    covered = np.array([answer.covered for answer in seen], dtype=np.float32)
+    covered = np.array([answer.covered for answer in seen])
+    covered = covered[:, covered.any(axis=0)].astype(np.float32)
     area = covered.sum(axis=1)
     same = covered @ covered.T > _SAME_PLACE * np.minimum(area[:, None], area)
     np.fill_diagonal(same, True)
@@ -260,19 +258,22 @@ def _difference_ratios(
     """
     count, samples = colors.shape[:2]
     ratios = np.full((len(shown), count), np.nan)
-    for s in range(len(shown)):
-        other = colors[shown[s]]
-        for n in range(count):
+    for n in range(count):
+        rows = np.flatnonzero(~np.isnan(colors[n, :, 0]))
+        for s in range(len(shown)):
+            other = colors[shown[s]]
             for k in range(len(equal)):
                 found, total, both = 0.0, 0.0, 0
-                for m in range(samples):
+                for m in rows:
+                    place = equal[k, m]
+                    if np.isnan(other[place, 0]):
+                        continue
                     squared = 0.0
                     for c in range(3):
-                        squared += (colors[n, m, c] - other[equal[k, m], c]) ** 2
-                    if squared == squared:  # NaN where one of them does not show the sample
-                        found += min(squared, limit)
-                        total += unlike[n, m]
-                        both += 1
+                        squared += (colors[n, m, c] - other[place, c]) ** 2
+                    found += min(squared, limit)
+                    total += unlike[n, m]
+                    both += 1
                 ratio = (found + neutral * noise * both) / (total + noise * both + 1e-9)
                 if both >= common * samples and not ratios[s, n] <= ratio:
                     ratios[s, n] = ratio
