@@ -15,15 +15,15 @@ from hlp.kernels import compiled
 STEPS = 16
 """Directions that are told apart, of half a turn: 0 is that of x, and they turn towards y."""
 NO_EDGE = -1
-_OFFSET = 20.0  # of 255, added to colours, because the logarithm of dark ones is mostly noise
 _BLUR = 1.0  # px
 _LEAST = 0.04  # of a gradient: difference of the colours' logarithms between neighbouring pixels
-_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(_OFFSET))
+LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(20.0))
+"""Of colours; 20 is added because the logarithm of dark ones is mostly noise."""
 
 
 def color_edges(rgb: Rgb) -> Int8[np.ndarray, "h w"]:
     """Direction of the gradient at the edges of a colour image, `NO_EDGE` elsewhere."""
-    return edges(_LOGARITHMS[rgb], _LEAST)
+    return edges(LOGARITHMS[rgb], _LEAST)
 
 
 def edges(image: Float32[np.ndarray, "h w c"], least: float) -> Int8[np.ndarray, "h w"]:

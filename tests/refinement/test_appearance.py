@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from hlp.geometry import inverse, rotation_matrices, transform
 from hlp.refinement.appearance import (
     FrameColors,
-    PartSurface,
     _difference_ratios,
     appearance_evidence,
     color_evidence,
@@ -23,7 +23,6 @@ from refinement_scene import CAMERA, SHAPE, make_model, posed
 YELLOW, RED, BLUE = (210, 190, 40), (180, 40, 40), (30, 60, 170)
 PLACES = np.array([[-0.2, 0.0, 0.8], [0.0, 0.05, 0.8], [0.2, 0.0, 0.8]])
 MODEL = make_model()
-SURFACE = PartSurface.of(MODEL)
 VERIFIER = Verifier(MODEL, VerificationSettings())
 TURN = rotation_matrices(np.array([[0.8, 0.3, 0.2, 0.5]]))[0]
 POSES = np.stack([posed(MODEL, TURN, place) for place in PLACES])
@@ -34,8 +33,8 @@ def looks(rgb, depth, poses):
     noise = np.random.default_rng(0).normal(0.0, 6.0, rgb.shape)
     rgb = np.clip(rgb + noise, 0, 255).astype(np.uint8)
     seen = observe(rgb, depth, CAMERA, VERIFIER.settings)
-    colors = FrameColors.of(rgb, CAMERA[0, 0] * MODEL.diameter / 0.8)
-    return colors, [colors.at(VERIFIER, seen, pose, SURFACE) for pose in poses]
+    colors = FrameColors.of(rgb, MODEL, CAMERA[0, 0] * MODEL.diameter / 0.8)
+    return colors, [colors.at(VERIFIER, seen, pose) for pose in poses]
 
 
 @pytest.fixture(scope="module")
@@ -69,16 +68,16 @@ def test_no_answer_speaks_for_itself(plain):
     shares, same = np.stack([answer.shares for answer in seen]), np.eye(3, dtype=bool)
     logits = np.array([2.0, -50.0, -50.0])
     assert color_evidence(shares, logits, same, frame.shares)[0] == pytest.approx(0.0, abs=1e-9)
-    assert print_evidence(seen, logits, same, SURFACE)[0] == pytest.approx(0.0)
+    assert print_evidence(seen, logits, same, frame.equal)[0] == pytest.approx(0.0)
     both = color_evidence(shares, np.array([2.0, 1.0, -50.0]), same, frame.shares)
     assert (both[:2] > 1.0).all() and both[2] < -1.0
 
 
 def test_answers_at_one_place_count_as_one(plain):
     frame, seen = plain
-    once = appearance_evidence(seen, np.zeros(3), np.zeros(3, bool), frame, SURFACE)
+    once = appearance_evidence(seen, np.zeros(3), np.zeros(3, bool), frame)
     repeated = [*seen[:1] * 4, *seen[1:]]
-    often = appearance_evidence(repeated, np.zeros(6), np.zeros(6, bool), frame, SURFACE)
+    often = appearance_evidence(repeated, np.zeros(6), np.zeros(6, bool), frame)
     assert often[4:] == pytest.approx(once[1:], abs=1e-6)
 
 
@@ -100,15 +99,15 @@ def test_it_is_the_log_ratio(plain, monkeypatch):
 def test_many_doubtful_ones_that_look_alike_outweigh_a_surer_one(plain):
     frame, seen = plain
     logits = np.array([-1.5, -1.5, -1.0])
-    told = appearance_evidence(seen, logits, np.zeros(3, bool), frame, SURFACE)
+    told = appearance_evidence(seen, logits, np.zeros(3, bool), frame)
     first, second, other = logits + told
     assert min(first, second) > other
 
 
 def test_print_tells_the_place(printed):
-    _, seen = printed
+    frame, seen = printed
     logits, same = np.array([1.0, 0.0, 0.0]), np.eye(3, dtype=bool)
-    first, second, beside = print_evidence(seen, logits, same, SURFACE)
+    first, second, beside = print_evidence(seen, logits, same, frame.equal)
     assert min(first, second) > 0.5 and beside < second - 1.0
 
 
@@ -118,7 +117,7 @@ def test_print_counts_where_parts_are_printed(printed):
 
     def told(clutter):
         shown = [answer._replace(clutter=clutter) for answer in seen]
-        return appearance_evidence(shown, logits, sure, frame, SURFACE)
+        return appearance_evidence(shown, logits, sure, frame)
 
     assert told(0.5)[1] - told(0.5)[2] > told(0.1)[1] - told(0.1)[2] + 0.5
 
@@ -145,19 +144,19 @@ def test_the_ratio_is_that_of_numpy():
 def test_symmetries_lead_to_samples_of_the_same_place():
     turn = np.diag([-1.0, -1.0, 1.0, 1.0])
     turn[:3, 3] = MODEL.centroid - turn[:3, :3] @ MODEL.centroid
-    surface = PartSurface.of(replace(MODEL, symmetries=np.stack([np.eye(4), turn])))
-    assert (surface.equal[0] == np.arange(len(surface.points))).all()
-    moved = transform(turn, surface.points)
-    apart = np.linalg.norm(surface.points[surface.equal[1]] - moved, axis=1)
-    assert (apart == np.linalg.norm(moved[:, None] - surface.points, axis=-1).min(axis=1)).all()
+    symmetric = replace(MODEL, symmetries=np.stack([np.eye(4), turn]))
+    frame = FrameColors.of(np.zeros((*SHAPE, 3), np.uint8), symmetric, 100.0)
+    assert (frame.equal[0] == np.arange(len(frame.samples))).all()
+    _, nearest = cKDTree(frame.samples).query(transform(turn, frame.samples))
+    assert (frame.equal[1] == nearest).all()
 
 
 def test_what_is_outside_the_image_is_not_seen():
     pose = posed(MODEL, TURN, np.array([-0.23, 0.0, 0.8]))
     drawn = render_depth(MODEL.mesh, pose[None], CAMERA, SHAPE)[0]
     rgb = np.tile(np.array(YELLOW, np.uint8), (*SHAPE, 1))
-    _, [cut] = looks(rgb, drawn, [pose])
-    points = transform(pose, SURFACE.points)
+    frame, [cut] = looks(rgb, drawn, [pose])
+    points = transform(pose, frame.samples)
     outside = CAMERA[0, 0] * points[:, 0] / points[:, 2] + CAMERA[0, 2] < -0.5
     assert 20 < outside.sum() < 200
     assert np.isnan(cut.print[outside]).all() and np.isfinite(cut.print[~outside]).any()
@@ -167,7 +166,7 @@ def test_where_nothing_agrees_nothing_is_told():
     rgb, depth = np.zeros((*SHAPE, 3), np.uint8), np.full(SHAPE, 2.0, np.float32)
     frame, [none] = looks(rgb, depth, POSES[1:2])
     assert not none.shares.any() and np.isnan(none.print).all() and np.isnan(none.clutter)
-    told = appearance_evidence([none] * 2, np.zeros(2), np.zeros(2, bool), frame, SURFACE)
+    told = appearance_evidence([none] * 2, np.zeros(2), np.zeros(2, bool), frame)
     assert told == pytest.approx(0.0)
 
 
@@ -179,7 +178,7 @@ def test_clutter_is_edges_that_the_model_lacks(print_width, least, most):
     if print_width:
         rgb[(drawn > 0) & (np.arange(SHAPE[1]) // print_width % 2 > 0)] = RED
     seen = observe(rgb, drawn, CAMERA, VERIFIER.settings)
-    found = FrameColors.of(rgb, 100.0).at(VERIFIER, seen, POSES[1], SURFACE)
+    found = FrameColors.of(rgb, MODEL, 100.0).at(VERIFIER, seen, POSES[1])
     assert least <= found.clutter <= most
 
 

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64, UInt8
 
-from hlp.arrays import Flags, Points, Pose, Rgb, Values
+from hlp.arrays import Flags, Points, Pose, Rgb, Rows, Values
 from hlp.geometry import project, transform
-from hlp.image_edges import NO_EDGE, color_edges
+from hlp.image_edges import LOGARITHMS, NO_EDGE, color_edges
 from hlp.kernels import compiled
 from hlp.records import ObjectModel
 from hlp.refinement.verification import Observation, Verifier
@@ -33,8 +33,7 @@ _COLOR = 0.7  # of the colours' log-likelihood ratio: neighbouring pixels tell t
 _SAMPLES = 256  # of the surface, at which print is compared
 _BLURRED = 0.02  # of the diameter: poses are no more exact
 _SAME_SURFACE = 0.005  # m between a sample and what is drawn at its pixel
-_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(20.0))  # not of dark noise
-# From those of red, green and blue to brightness, of which half counts as light varies, and chroma.
+# From logarithms of red, green and blue to brightness, half of it as light varies, and chroma.
 _OPPONENT = np.array([[0.5, 0.5, 0.5], [1, -1, 0], [1, 1, -2]], np.float32)
 _OPPONENT /= np.sqrt(np.array([[3], [2], [6]], np.float32))
 _LIMIT = 0.6  # of a difference: highlights and labels are larger
@@ -63,21 +62,6 @@ Shares = Float[np.ndarray, "864"]
 """Share of the pixels in each class of colour."""
 
 
-class PartSurface(NamedTuple):
-    """Samples of a model's surface (m), and for each of its symmetries their rows after it."""
-
-    points: Points
-    equal: Int64[np.ndarray, "k m"]
-
-    @classmethod
-    def of(cls, model: ObjectModel) -> "PartSurface":
-        """That of a model: the sample nearest to where a symmetry moves a sample counts as it."""
-        points = sample_surface(model.proxy, _SAMPLES).points
-        moved = (transform(symmetry, points) for symmetry in model.symmetries)
-        equal = [np.linalg.norm(m[:, None] - points, axis=-1).argmin(axis=1) for m in moved]
-        return cls(points, np.array(equal))
-
-
 class PartAppearance(NamedTuple):
     """What an image shows of a part at a pose.
 
@@ -100,7 +84,8 @@ class FrameColors:
     """What all parts of a kind in an image are compared with.
 
     The class of colour (in CIE L*a*b*) of each pixel, the `shares` of all classes, and edges; the
-    image `blurred` as much as poses are inexact, and colours `typical` of it.
+    image `blurred` as much as poses are inexact, and colours `typical` of it; `samples` (m) of the
+    part's surface, and for each of its symmetries the rows that are `equal` to them.
     """
 
     classes: Int64[np.ndarray, "h w"]
@@ -108,10 +93,12 @@ class FrameColors:
     near_edge: Bool[np.ndarray, "h w"]
     blurred: Rgb
     typical: Float32[np.ndarray, "t 3"]
+    samples: Points
+    equal: Int64[np.ndarray, "k m"]
 
     @classmethod
-    def of(cls, rgb: Rgb, size: float) -> "FrameColors":
-        """Those of an image in which the diameter of a part is about this `size` (px)."""
+    def of(cls, rgb: Rgb, model: ObjectModel, size: float) -> "FrameColors":
+        """Those of an image in which the part's diameter is about this `size` (px)."""
         lab = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2LAB).astype(np.int64)
         places = np.clip((lab - _LOWEST) // _WIDTHS, 0, np.array(_SIZES) - 1)
         classes = np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), _SIZES)
@@ -119,11 +106,11 @@ class FrameColors:
         blurred = np.asarray(cv2.GaussianBlur(rgb, (0, 0), max(_BLURRED * size, 0.3)))
         pixels = blurred.reshape(-1, 3)
         typical = _opponent(pixels[np.arange(_TYPICAL) * len(pixels) // _TYPICAL])
-        return cls(classes, _shares(classes), near_edge, blurred, typical)
+        samples = sample_surface(model.proxy, _SAMPLES).points
+        equal = np.stack([_nearest(transform(turn, samples), samples) for turn in model.symmetries])
+        return cls(classes, _shares(classes), near_edge, blurred, typical, samples, equal)
 
-    def at(
-        self, verifier: Verifier, observation: Observation, pose: Pose, surface: PartSurface
-    ) -> PartAppearance:
+    def at(self, verifier: Verifier, observation: Observation, pose: Pose) -> PartAppearance:
         """The look of the pixels that agree in depth with a pose of the verifier's object."""
         agreeing, rendered = verifier.explained(observation, pose)
         own_edges = (rendered == 0.0) | (np.abs(cv2.Laplacian(rendered, cv2.CV_32F)) > _CREASE)
@@ -131,7 +118,7 @@ class FrameColors:
         enough = np.count_nonzero(inside) >= _LEAST_PIXELS
         clutter = float(self.near_edge[inside].mean()) if enough else np.nan
 
-        points = transform(pose, surface.points)
+        points = transform(pose, self.samples)
         pixels = np.floor(project(points, observation.camera_matrix) + 0.5).astype(int)
         x, y = np.clip(pixels, 0, np.array(rendered.shape[::-1]) - 1).T
         seen = agreeing[y, x] & (pixels == np.column_stack([x, y])).all(axis=1)
@@ -141,6 +128,11 @@ class FrameColors:
         unlike = np.minimum(unlike, np.float32(_LIMIT**2)).mean(axis=1)
         shares, covered = _shares(self.classes[agreeing]), agreeing[::_EVERY, ::_EVERY].ravel()
         return PartAppearance(shares, clutter, covered, print_, unlike)
+
+
+def _nearest(points: Points, others: Points) -> Rows:
+    """The nearest of other points to each."""
+    return np.asarray(np.linalg.norm(points[:, None] - others, axis=-1).argmin(axis=1))
 
 
 def _near(mask: Bool[np.ndarray, "h w"], distance: int) -> Bool[np.ndarray, "h w"]:
@@ -160,15 +152,11 @@ def _shares(classes: Int64[np.ndarray, "n"]) -> Shares:
 
 def _opponent(colors: UInt8[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
     """Brightness and two axes of chroma of colours, as logarithms."""
-    return np.asarray(_LOGARITHMS[colors] @ _OPPONENT.T)
+    return np.asarray(LOGARITHMS[colors] @ _OPPONENT.T)
 
 
 def appearance_evidence(
-    seen: Sequence[PartAppearance],
-    logits: Values,
-    sure: Flags,
-    frame: FrameColors,
-    surface: PartSurface,
+    seen: Sequence[PartAppearance], logits: Values, sure: Flags, frame: FrameColors
 ) -> Values:
     """Log-likelihood ratio of right against wrong that the look of each answer tells.
 
@@ -183,7 +171,8 @@ def appearance_evidence(
     np.fill_diagonal(same, True)
     logits = logits + evidence
     colors = color_evidence(np.stack([a.shares for a in seen]), logits, same, frame.shares)
-    return np.asarray(evidence + colors + printed * print_evidence(seen, logits, same, surface))
+    print_ = print_evidence(seen, logits, same, frame.equal)
+    return np.asarray(evidence + colors + printed * print_)
 
 
 def color_evidence(
@@ -213,13 +202,17 @@ def print_evidence(
     seen: Sequence[PartAppearance],
     logits: Values,
     same: Bool[np.ndarray, "n n"],
-    surface: PartSurface,
+    equal: Int64[np.ndarray, "k m"],
 ) -> Values:
-    """The same of the colours at each place of the surface; 0 where nothing comparable is seen."""
+    """Log-likelihood ratio of each answer's print, under the symmetry with which it fits best.
+
+    It is compared with that of answers at other places, sample by sample, as `color_evidence` does
+    with colours anywhere. 0 where too little of the same places is seen.
+    """
     shown = np.flatnonzero(_probabilities(logits) >= _LEAST)
     prints, unlike = np.stack([a.print for a in seen]), np.stack([a.unlike for a in seen])
     constants = _LIMIT**2, _COMMON, _NOISE, _ALIKE
-    ratios = _difference_ratios(prints, unlike, shown, surface.equal, *constants)
+    ratios = _difference_ratios(prints, unlike, shown, equal, *constants)
     alike = np.exp(np.clip(_STEEPNESS * (_ALIKE - ratios), *_RANGE))
     alike[np.isnan(ratios)] = 1.0
     evidence = np.zeros(len(logits))
@@ -254,7 +247,7 @@ def _difference_ratios(
 ) -> Float[np.ndarray, "s n"]:
     """Squared difference of each answer's colours to the shown ones' over that to the frame's.
 
-    That of the symmetry with which it is least; nan if both show less than the `common` share.
+    That of the symmetry with which it is least; nan if both show too few of the samples (`common`).
     """
     count, samples = colors.shape[:2]
     ratios = np.full((len(shown), count), np.nan)

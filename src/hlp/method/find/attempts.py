@@ -12,13 +12,7 @@ from hlp.arrays import Pose, Poses
 from hlp.geometry import rigid, rotation_distance, transform
 from hlp.method.find.estimator import FrameContext
 from hlp.records import Hypotheses, ObjectModel
-from hlp.refinement.appearance import (
-    BEST_OF_MANY,
-    FrameColors,
-    PartAppearance,
-    PartSurface,
-    appearance_evidence,
-)
+from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.refiner import refinable
 from hlp.refinement.score_model import MIN_SCORE
@@ -103,11 +97,7 @@ class Attempts:
         model, observation = self._verifier.model, self._context.observation
         distance = float(transform(self._answers[0].pose, model.centroid[None])[0, 2])
         size = observation.camera_matrix[0, 0] * model.diameter / distance
-        return FrameColors.of(self._context.frame.rgb, size)
-
-    @cached_property
-    def _surface(self) -> PartSurface:
-        return PartSurface.of(self._verifier.model)
+        return FrameColors.of(self._context.frame.rgb, model, size)
 
     def add(self, found: RefinedHypotheses | None) -> None:
         """Add what the next search found."""
@@ -225,12 +215,10 @@ class Attempts:
         sure = np.array([answer.row in rows for answer in self._answers])
         new = [answer for answer in self._answers if answer.row not in self._appearances]
         seen = self._verifier, self._context.observation
-        for answer in new:
-            found = self._colors.at(*seen, answer.pose, self._surface)
-            self._appearances[answer.row] = found
+        self._appearances |= {answer.row: self._colors.at(*seen, answer.pose) for answer in new}
         appearances = [self._appearances[answer.row] for answer in self._answers]
         logits = np.log(scores / (1.0 - scores))
-        evidence = appearance_evidence(appearances, logits, sure, self._colors, self._surface)
+        evidence = appearance_evidence(appearances, logits, sure, self._colors)
         pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
         return [a._replace(score=self._score(a.pose, float(value))) for a, value in pairs]
 
