@@ -8,7 +8,8 @@ import pytest
 import trimesh
 
 from hlp.geometry import rigid
-from hlp.method.find.attempts import Attempts, poses_beside, poses_turned
+from hlp.method.find.attempts import Attempts
+from hlp.method.find.related_poses import poses_beside, poses_turned
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import VerificationSettings, Verifier, observe

@@ -3,20 +3,19 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
 
-from hlp.arrays import Pose, Poses
-from hlp.geometry import rigid, rotation_distance, transform
+from hlp.arrays import Pose, Poses, Values
+from hlp.geometry import transform
 from hlp.method.find.estimator import FrameContext
-from hlp.records import Hypotheses, ObjectModel
+from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
+from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
 from hlp.refinement.choice import RefinedHypotheses
-from hlp.refinement.refiner import refinable
 from hlp.refinement.score_model import MIN_SCORE
-from hlp.refinement.verification import Observation, Verifier
+from hlp.refinement.verification import Observation
 
 CoarsePoses = Callable[[int, Observation | None], Hypotheses]
 """Coarse poses for a number of missing instances, given what is unexplained."""
@@ -24,11 +23,6 @@ _TRIED = 3
 """Instances that are refined at once where their number is not known (D)."""
 _LIKELY = 0.3
 """Score of a pose beside which others of its kind are looked for (D)."""
-_SAME_TURN = np.radians(15.0)
-_SIGNS = np.array([*product((1.0, -1.0), repeat=3)])[:, None]
-_SIGNED_AXES = (np.array([*permutations(np.eye(3))])[:, None] * _SIGNS).reshape(-1, 3, 3)
-_QUARTERS = _SIGNED_AXES[np.linalg.det(_SIGNED_AXES) > 0.0]
-"""The 24 turns that map a cube onto itself; SciPy, which has them, is slow to import."""
 
 
 class Unexplained:
@@ -57,12 +51,16 @@ class Unexplained:
 
 
 class _Answer(NamedTuple):
-    """A refined pose, its row among all of them, and whether a search chose it as an instance."""
+    """A refined pose, its row among all of them, and whether a search chose it as an instance.
+
+    `more` is added to the logit of its score, for what it stands in the place of.
+    """
 
     score: float
     row: int
     pose: Pose
     chosen: bool
+    more: float = 0.0
 
 
 class Attempts:
@@ -89,6 +87,7 @@ class Attempts:
         self._found: list[RefinedHypotheses] = []
         self._answers: list[_Answer] = []
         self._searched_beside: set[bytes] = set()
+        self._looked_within: set[bytes] = set()
         self._appearances: dict[int, PartAppearance] = {}
         self._kept: list[_Answer] | None = None  # of the answers, until there are others
 
@@ -134,14 +133,55 @@ class Attempts:
         self.add(found and replace(found, sources=np.full_like(found.sources, -1)))
 
     def search_neighbours(self) -> None:
-        """Search the neighbours of what was found, and theirs, until there are no more."""
-        while self._help_each_other and len(found := self.poses(_LIKELY)) < self._instances:
+        """Search the neighbours of what was found, and theirs, until there are no more.
+
+        Before, what was taken for one part and is several is divided.
+        """
+        while self._help_each_other:
+            self._divide()
+            if len(found := self.poses(_LIKELY)) >= self._instances:
+                break
             new = [pose for pose in found if pose.tobytes() not in self._searched_beside]
             if not new:
                 break
             self._searched_beside |= {pose.tobytes() for pose in new}
             coarse = poses_beside(self._verifier, self._context.observation, np.stack(new))
             self.search_further(lambda *_, coarse=coarse: coarse, found)
+
+    def _divide(self) -> None:
+        """Put several parts in the place of each answer that has edges where they would touch."""
+        while new := [a for a in self._different() if a.pose.tobytes() not in self._looked_within]:
+            answer = new[0]
+            self._looked_within.add(answer.pose.tobytes())
+            within = poses_within(self._verifier.model, self._context.observation, answer.pose)
+            parts = [self._refined_alone(poses) for poses in within]
+            if parts and None not in parts:
+                self._replace(answer, [part for part in parts if part is not None])
+
+    def _replace(self, answer: _Answer, parts: Sequence[RefinedHypotheses]) -> None:
+        """Take the best pose of each part instead of an answer.
+
+        It is as likely as that was, at least: that something of the kind is there remains true.
+        """
+        self._answers = [other for other in self._answers if other.row != answer.row]
+        before = self._score(answer.pose, BEST_OF_MANY + answer.more)
+        for part in parts:
+            row, pose = self._append(part), part.chosen_poses[0]
+            scores = np.array([before, self._score(pose)])
+            more = max(float(-np.diff(_logits(scores))[0]), 0.0)
+            self._answers.append(_Answer(float(scores.max()), row, pose, answer.chosen, more))
+
+    def _refined_alone(self, poses: Poses) -> RefinedHypotheses | None:
+        """What is found by refining coarse poses of one instance, whatever else was found."""
+        coarse = Hypotheses(poses, np.ones(len(poses)))
+        return self._estimator.refine(*self._of, coarse, 1, self._unexplained)
+
+    def _append(self, found: RefinedHypotheses) -> int:
+        """Keep what follows from an answer, without a coarse hypothesis; the row of its best."""
+        self._kept = None
+        row = sum(len(others.refined) for others in self._found) + found.best
+        self._found.append(replace(found, sources=np.full_like(found.sources, -1)))
+        return row
 
     def search_rest(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
         """Search what is left, again and again, while more than before is probably right."""
@@ -157,13 +197,12 @@ class Attempts:
         instances is not known, as many wrong answers as right ones would gain by it.
         """
         for answer in self._different() if self._colorless and self._min_score is None else ():
-            if answer.score >= _LIKELY:
+            # What was told from one whole would only be turned back into it.
+            if answer.score >= _LIKELY and not answer.more:
                 self._turn(answer)
 
     def _turn(self, answer: _Answer) -> None:
-        poses = poses_turned(self._verifier.model, answer.pose)
-        coarse = Hypotheses(poses, np.ones(len(poses)))
-        found = self._estimator.refine(*self._of, coarse, 1, self._unexplained)
+        found = self._refined_alone(poses_turned(self._verifier.model, answer.pose))
         if found is None:
             return
         self._kept, best = None, found.chosen_poses[0]  # scores are changed below
@@ -171,10 +210,8 @@ class Attempts:
         before, cost = self._verifier.costs(self._context.observation, both)
         # Each alone is fooled more often: the score by what covers the part, the cost by noise.
         if cost < before and (score := self._score(best)) > self._score(answer.pose):
-            row = sum(len(others.refined) for others in self._found) + found.best
-            self._found.append(replace(found, sources=np.full_like(found.sources, -1)))
             self._answers = [other for other in self._answers if other.row != answer.row]
-            self._answers.append(_Answer(score, row, best, answer.chosen))
+            self._answers.append(_Answer(score, self._append(found), best, answer.chosen))
 
     def poses(self, least: float) -> list[Pose]:
         """Those of at least that score, each of another instance, the most likely first."""
@@ -209,7 +246,6 @@ class Attempts:
         """All answers, with scores that know what the surest ones look like."""
         if not self._answers:
             return []
-        scores = np.clip([answer.score for answer in self._answers], 1e-9, 1.0 - 1e-9)
         best_first = sorted(self._answers, key=lambda answer: -answer.score)
         rows = {answer.row for answer in self._apart(best_first) if answer.score >= MIN_SCORE}
         sure = np.array([answer.row in rows for answer in self._answers])
@@ -217,10 +253,10 @@ class Attempts:
         seen = self._verifier, self._context.observation
         self._appearances |= {answer.row: self._colors.at(*seen, answer.pose) for answer in new}
         appearances = [self._appearances[answer.row] for answer in self._answers]
-        logits = np.log(scores / (1.0 - scores))
+        logits = _logits(np.array([answer.score for answer in self._answers]))
         evidence = appearance_evidence(appearances, logits, sure, self._colors)
         pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
-        return [a._replace(score=self._score(a.pose, float(value))) for a, value in pairs]
+        return [a._replace(score=self._score(a.pose, float(value) + a.more)) for a, value in pairs]
 
     def _score(self, pose: Pose, appearance: float = BEST_OF_MANY) -> float:
         if self._colorless:
@@ -240,39 +276,6 @@ class Attempts:
         return kept
 
 
-def poses_beside(verifier: Verifier, observation: Observation, found: Poses) -> Hypotheses:
-    """Coarse poses of neighbours: turned as what was `found`, and touching it.
-
-    They are shifted by the model's size along one of its axes. Those that fit much less well than
-    `found` are left out.
-    """
-    model = verifier.model
-    sizes = np.diag(np.ptp(np.asarray(model.proxy.vertices, dtype=np.float64), axis=0))
-    shifts = np.concatenate([sizes, -sizes])
-    poses = np.repeat(found, len(shifts), axis=0)
-    poses[:, :3, 3] += np.einsum("nij,kj->nki", found[:, :3, :3], shifts).reshape(-1, 3)
-    poses = poses[refinable(poses, model.centroid)]
-    limit = verifier.costs(observation, found).max() + verifier.settings.max_improvement
-    poses = poses[verifier.costs(observation, poses) <= limit]
-    return Hypotheses(poses, np.ones(len(poses)))
-
-
-def poses_turned(model: ObjectModel, found: Pose) -> Poses:
-    """Coarse poses at the place of what was `found`, turned by quarters about the model's axes.
-
-    The side of its bounding box that faces the camera stays in its plane. Turns that its symmetries
-    do not tell apart are left out.
-    """
-    vertices = np.asarray(model.proxy.vertices, dtype=np.float64)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle, half = (low + high) / 2.0, (high - low) / 2.0
-    apart = rotation_distance(_QUARTERS[:, None], model.symmetries[None, :, :3, :3])
-    rotations = found[:3, :3] @ _QUARTERS[apart.min(axis=1) > _SAME_TURN]
-    center = transform(found, middle[None])[0]
-    towards = -found[:3, :3].T @ center
-    front = int(np.argmax(np.abs(towards)))
-    normal = found[:3, front] * np.sign(towards[front])
-    depths = np.abs(normal @ rotations) @ half
-    centers = center + (half[front] - depths)[:, None] * normal
-    poses = rigid(rotations, centers - rotations @ middle)
-    return np.asarray(poses[refinable(poses, model.centroid)])
+def _logits(scores: Values) -> Values:
+    scores = np.clip(scores, 1e-9, 1.0 - 1e-9)
+    return np.asarray(np.log(scores / (1.0 - scores)))

@@ -1,0 +1,149 @@
+"""Coarse poses that follow from an answer: beside it, turned in its place, or several within it.
+
+All are those of the bounding box of the model, whose faces touch where parts are packed.
+"""
+
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.arrays import Flags, Points, Pose, Poses
+from hlp.geometry import project, rigid, rotation_distance, transform
+from hlp.records import Hypotheses, ObjectModel
+from hlp.refinement.refiner import refinable
+from hlp.refinement.verification import Observation, Verifier
+from hlp.rendering.zbuffer import DIRECTIONS
+
+_SAME_TURN = np.radians(15.0)
+_SIGNS = np.array([*product((1.0, -1.0), repeat=3)])[:, None]
+_SIGNED_AXES = (np.array([*permutations(np.eye(3))])[:, None] * _SIGNS).reshape(-1, 3, 3)
+_QUARTERS = _SIGNED_AXES[np.linalg.det(_SIGNED_AXES) > 0.0]
+"""The 24 turns that map a cube onto itself; SciPy, which has them, is slow to import."""
+_MISFIT = 0.12  # of the size of several parts, by which they may differ from that of one (D)
+_ALONG = np.linspace(-0.9, 0.9, 33)  # of half the face: print rarely reaches its border
+_BESIDE = 0.12 * np.linspace(-1.0, 1.0, 13)  # of half the face: the edge may be that far off
+_NEAR = 1.5  # px from an edge of depth, or 1 px from one of colour
+_EDGE = 0.93  # share of a face's length: print reaches .91, edges between parts .88 to 1 (D)
+
+
+class _Front(NamedTuple):
+    """The bounding box of a part at a pose, and the face of it that looks to the camera.
+
+    `middle` (m, in the model), `half` its size, and the outward normal as axis and sign.
+    """
+
+    middle: Float[np.ndarray, "3"]
+    half: Float[np.ndarray, "3"]
+    axis: int
+    sign: float
+
+    @classmethod
+    def of(cls, model: ObjectModel, pose: Pose) -> "_Front":
+        vertices = np.asarray(model.proxy.vertices, dtype=np.float64)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        middle = (low + high) / 2.0
+        towards = -pose[:3, :3].T @ transform(pose, middle[None])[0]
+        axis = int(np.argmax(np.abs(towards)))
+        return cls(middle, (high - low) / 2.0, axis, float(np.sign(towards[axis])))
+
+
+def poses_beside(verifier: Verifier, observation: Observation, found: Poses) -> Hypotheses:
+    """Coarse poses of neighbours: turned as what was `found`, and touching it.
+
+    They are shifted by the model's size along one of its axes. Those that fit much less well than
+    `found` are left out.
+    """
+    model = verifier.model
+    sizes = np.diag(np.ptp(np.asarray(model.proxy.vertices, dtype=np.float64), axis=0))
+    shifts = np.concatenate([sizes, -sizes])
+    poses = np.repeat(found, len(shifts), axis=0)
+    poses[:, :3, 3] += np.einsum("nij,kj->nki", found[:, :3, :3], shifts).reshape(-1, 3)
+    poses = poses[refinable(poses, model.centroid)]
+    limit = verifier.costs(observation, found).max() + verifier.settings.max_improvement
+    poses = poses[verifier.costs(observation, poses) <= limit]
+    return Hypotheses(poses, np.ones(len(poses)))
+
+
+def poses_turned(model: ObjectModel, found: Pose) -> Poses:
+    """Coarse poses at the place of what was `found`, turned by quarters about the model's axes.
+
+    The side of its bounding box that faces the camera stays in its plane. Turns that its symmetries
+    do not tell apart are left out.
+    """
+    front = _Front.of(model, found)
+    turns = _turns(model)
+    poses = _placed(found, front, turns, np.zeros((len(turns), 3)))
+    return np.asarray(poses[refinable(poses, model.centroid)])
+
+
+def poses_within(model: ObjectModel, observation: Observation, found: Pose) -> list[Poses]:
+    """Coarse poses of each of several parts that were perhaps taken for the one that was `found`.
+
+    Parts side by side, with another of their sides in front, may be as large as one. They are told
+    from it by edges in the image, as long as the face, where they would touch. None without those.
+    """
+    front, turns = _Front.of(model, found), _turns(model)
+    sizes = np.abs(turns) @ front.half
+    for axis in {0, 1, 2} - {front.axis}:
+        across = 3 - axis - front.axis
+        counts = np.round(front.half[axis] / sizes[:, axis])
+        ratios = (
+            np.stack([counts * sizes[:, axis], sizes[:, across]]) / front.half[[axis, across], None]
+        )
+        fits: Flags = (counts > 1) & (np.abs(ratios - 1.0) <= _MISFIT).all(axis=0)
+        for count in sorted({int(n) for n in counts[fits]}):
+            borders = 2.0 * np.arange(1, count) / count - 1.0
+            if all(
+                _edge_share(observation, model, found, front, axis, at) >= _EDGE for at in borders
+            ):
+                places = np.zeros((count, 3))
+                places[:, axis] = (2.0 * np.arange(count) + 1.0) / count - 1.0
+                alike = turns[fits & (counts == count)]
+                parts = [_placed(found, front, alike, place * front.half) for place in places]
+                return parts if refinable(np.concatenate(parts), model.centroid).all() else []
+    return []
+
+
+def _turns(model: ObjectModel) -> Float[np.ndarray, "n 3 3"]:
+    """Turns by quarters that the symmetries tell apart."""
+    apart = rotation_distance(_QUARTERS[:, None], model.symmetries[None, :, :3, :3])
+    return np.asarray(_QUARTERS[apart.min(axis=1) > _SAME_TURN])
+
+
+def _placed(found: Pose, front: _Front, turns: Float[np.ndarray, "n 3 3"], shifts: Points) -> Poses:
+    """Poses turned and shifted (m) along the box's axes, their front in the plane of its front."""
+    behind = front.half - np.abs(turns) @ front.half
+    shifts = np.broadcast_to(shifts, behind.shape).copy()
+    shifts[:, front.axis] += front.sign * behind[:, front.axis]
+    rotations = found[:3, :3] @ turns
+    return rigid(rotations, transform(found, front.middle + shifts) - rotations @ front.middle)
+
+
+def _edge_share(
+    observation: Observation,
+    model: ObjectModel,
+    found: Pose,
+    front: _Front,
+    axis: int,
+    place: float,
+) -> float:
+    """Share of the front's length along which the image has an edge straight across its `axis`.
+
+    Near a `place` between -1 and 1: the largest of those of lines beside each other.
+    """
+    points = np.zeros((len(_BESIDE), len(_ALONG), 3))
+    points[..., front.axis], points[..., axis] = front.sign, place + _BESIDE[:, None]
+    points[..., 3 - axis - front.axis] = _ALONG
+    points = front.middle + points.reshape(-1, 3) * front.half
+    pixels = project(transform(found, points), observation.camera_matrix)
+    along = pixels[len(_ALONG) - 1] - pixels[0]
+    direction = round(float(np.arctan2(along[0], -along[1])) / np.pi * DIRECTIONS) % DIRECTIONS
+    edges = observation.edges_of(model)
+    edges = observation.depth_edge_distance if edges is None else edges
+    height, width = observation.depth.shape
+    x, y = np.floor(pixels + 0.5).astype(int).T
+    near = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+    near[near] = edges[direction, y[near], x[near]] <= _NEAR
+    return float(near.reshape(len(_BESIDE), -1).mean(axis=1).max())
