@@ -1,55 +1,18 @@
 """Several parts without colours help to find each other: as neighbours, and by their colour."""
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-import trimesh
 
-from hlp.geometry import rigid
 from hlp.method.find.attempts import Attempts
-from hlp.method.find.related_poses import poses_beside, poses_turned
-from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.records import Hypotheses, Refinement
+from hlp.refinement.appearance import BEST_OF_MANY
 from hlp.refinement.choice import RefinedHypotheses
-from hlp.refinement.verification import VerificationSettings, Verifier, observe
-from hlp.rendering.rasterizer import render_depth
-from refinement_scene import CAMERA, SHAPE, as_mesh
-
-SIZE = np.array([0.06, 0.1, 0.04])  # m
-TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-PLACES = np.array([[-0.1, 0.0, 0.8], [0.0, 0.0, 0.8], [0.1, 0.0, 0.8], [0.0, -0.06, 0.8]])
-POSES = rigid(TURN, PLACES)
-WHITE, RED = (230, 230, 225), (170, 30, 30)
+from packed_boxes import PAIR, PAIR_WHOLE, PLACES, POSES, RED, TURN, WHITE, WRONG, box, frame
 
 
 @pytest.fixture(scope="module")
 def verifier():
-    mesh = replace(as_mesh(trimesh.creation.box(SIZE)), colored=False)
-    model = ObjectModel(
-        1, "box", mesh, mesh, float(np.linalg.norm(SIZE)), np.eye(4)[None], 0.1, 0.04
-    )
-    return Verifier(model, VerificationSettings())
-
-
-def frame(verifier, *colors):
-    """Boxes at the first places, packed side by side, and what is seen of them."""
-    drawn = render_depth(verifier.mesh, POSES[: len(colors)], CAMERA, SHAPE)
-    rgb, depth = np.full((*SHAPE, 3), 60, np.uint8), np.full(SHAPE, 0.9, np.float32)
-    for image, color in zip(drawn, colors, strict=True):
-        rgb[image > 0], depth[image > 0] = color, image[image > 0]
-    seen = observe(rgb, depth, CAMERA, verifier.settings)
-    return SimpleNamespace(frame=SimpleNamespace(rgb=rgb), observation=seen)
-
-
-def test_neighbours_touch_and_those_in_the_air_are_left_out(verifier):
-    seen = frame(verifier, WHITE, WHITE, WHITE, WHITE).observation
-    beside = poses_beside(verifier, seen, POSES[1:2]).poses_cam_obj
-    for place in (0, 2, 3):
-        assert np.abs(beside - POSES[place]).max(axis=(1, 2)).min() < 1e-6
-    assert len(beside) < 6 and not (np.abs(beside - POSES[1]).max(axis=(1, 2)) < 0.01).any()
-    alone = frame(verifier, (0, 0, 0)).observation
-    assert len(poses_beside(verifier, alone, POSES[:1])) < 3
+    return box()
 
 
 class Scores:
@@ -160,20 +123,6 @@ def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(ve
     assert found_places(unknown) == [0, 1]  # … unless one of them is probably right
 
 
-QUARTER = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-WRONG = rigid(TURN @ QUARTER, PLACES[1] + [0.0, 0.0, (SIZE[0] - SIZE[2]) / 2])
-"""The second box with another of its faces in front, in the plane of the true one."""
-
-
-def test_turned_poses_keep_the_plane_of_the_face_in_front(verifier):
-    turned = poses_turned(verifier.model, WRONG)
-    assert np.abs(turned - POSES[1]).max(axis=(1, 2)).min() < 1e-9
-    assert len(turned) == 23
-    half_turns = rigid(np.array([np.diag(d) for d in ([1, 1, 1], [1, -1, -1.0])]), np.zeros(3))
-    symmetric = replace(verifier.model, symmetries=half_turns)
-    assert len(poses_turned(symmetric, WRONG)) == 22
-
-
 def is_turned_right(pose):
     return np.allclose(np.abs(pose[:3, :3]), np.abs(TURN))
 
@@ -215,3 +164,28 @@ def test_another_face_in_front_is_taken_if_cost_and_score_are_better(
     (pose,) = tried.merged().chosen_poses
     assert is_turned_right(pose) == right
     np.testing.assert_allclose(pose[:3, 3], (POSES[1] if right else WRONG)[:3, 3], atol=1e-9)
+
+
+class Whole(Turned):
+    """What looks like one lying box, and is two standing ones, is likely; those alone are not."""
+
+    def score(self, _, __, pose):
+        is_pair = np.abs(PAIR[:, :3, 3] - pose[:3, 3]).max(axis=1).min() < 0.002
+        logit = np.log(0.1 / 0.9) if is_pair else np.log(0.8 / 0.2)
+        logit += self.appearances.get(pose.tobytes(), BEST_OF_MANY) - BEST_OF_MANY
+        return float(1.0 / (1.0 + np.exp(-logit)))
+
+
+@pytest.mark.parametrize(("second", "parts"), [((150, 150, 150), 2), (WHITE, 1)])
+def test_two_parts_taken_for_one_are_as_likely_as_it_was(second, parts):
+    verifier = box((0.04, 0.1, 0.08))
+    context = frame(verifier, WHITE, second, poses=PAIR)
+    tried = attempts(Whole(verifier, context.observation, (0.1, 0.8)), context, 2)
+    tried.add(refined(PAIR_WHOLE))
+    tried.search_neighbours()
+    tried.search_turned()
+    likely = tried.poses(0.5)
+    assert len(likely) == parts
+    places = PAIR if parts == 2 else PAIR_WHOLE[None]
+    found = sorted(pose[0, 3] for pose in likely)
+    np.testing.assert_allclose(found, places[:, 0, 3], atol=1e-6)

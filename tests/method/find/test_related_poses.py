@@ -1,0 +1,67 @@
+"""Coarse poses that follow from an answer: beside it, turned in its place, several within it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hlp.geometry import rigid, transform
+from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
+from packed_boxes import PAIR, PAIR_WHOLE, POSES, WHITE, WRONG, box, frame
+
+HALF_TURNS = rigid(np.array([np.diag(d) for d in ([1, 1, 1], [1, -1, -1.0])]), np.zeros(3))
+
+
+def test_neighbours_touch_and_those_in_the_air_are_left_out():
+    verifier = box()
+    seen = frame(verifier, WHITE, WHITE, WHITE, WHITE).observation
+    beside = poses_beside(verifier, seen, POSES[1:2]).poses_cam_obj
+    for place in (0, 2, 3):
+        assert np.abs(beside - POSES[place]).max(axis=(1, 2)).min() < 1e-6
+    assert len(beside) < 6 and not (np.abs(beside - POSES[1]).max(axis=(1, 2)) < 0.01).any()
+    alone = frame(verifier, (0, 0, 0)).observation
+    assert len(poses_beside(verifier, alone, POSES[:1])) < 3
+
+
+def test_turned_poses_keep_the_plane_of_the_face_in_front():
+    model = box().model
+    turned = poses_turned(model, WRONG)
+    assert np.abs(turned - POSES[1]).max(axis=(1, 2)).min() < 1e-9
+    assert len(turned) == 23
+    assert len(poses_turned(replace(model, symmetries=HALF_TURNS), WRONG)) == 22
+
+
+def corners(verifier, pose):
+    """The box's corners (m), in an order that its symmetries do not change."""
+    found = np.round(transform(pose, verifier.mesh.vertices), 6)
+    return found[np.lexsort(found.T)]
+
+
+def test_two_parts_side_by_side_are_seen_within_what_was_taken_for_one():
+    """By the edge between them: without it, or for a box of another shape, there is one."""
+    sizes, dark = (0.04, 0.1, 0.08), (150, 150, 150)
+    verifier = box(sizes)
+    seen = frame(verifier, WHITE, dark, poses=PAIR).observation
+    parts = poses_within(verifier.model, seen, PAIR_WHOLE)
+    assert len(parts) == 2
+    for true, found in zip(PAIR, parts, strict=True):
+        apart = [np.abs(corners(verifier, pose) - corners(verifier, true)).max() for pose in found]
+        assert max(apart) < 1e-6
+    plain = frame(verifier, WHITE, WHITE, poses=PAIR).observation
+    assert poses_within(verifier.model, plain, PAIR_WHOLE) == []
+    cube = box((0.06, 0.1, 0.08))
+    assert poses_within(cube.model, seen, PAIR_WHOLE) == []
+
+
+@pytest.mark.parametrize("share", [0.85, 1.0])
+def test_the_edge_must_be_nearly_as_long_as_the_face(share):
+    """Print rarely is."""
+    verifier = box((0.04, 0.1, 0.08))
+    context = frame(verifier, WHITE, WHITE, poses=PAIR)
+    rgb = context.frame.rgb
+    rows = np.flatnonzero((rgb == WHITE).all(axis=2).any(axis=1))
+    columns = np.flatnonzero((rgb == WHITE).all(axis=2).any(axis=0))
+    kept = rows[: round(share * len(rows))]
+    rgb[kept[0] : kept[-1] + 1, int(columns.mean()) : int(columns.mean()) + 3] = 60
+    seen = context.observed_again().observation
+    assert len(poses_within(verifier.model, seen, PAIR_WHOLE)) == (2 if share == 1.0 else 0)
