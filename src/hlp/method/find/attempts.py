@@ -154,34 +154,30 @@ class Attempts:
             answer = new[0]
             self._looked_within.add(answer.pose.tobytes())
             within = poses_within(self._verifier.model, self._context.observation, answer.pose)
-            parts = [self._refined_alone(poses) for poses in within]
-            if parts and None not in parts:
-                self._replace(answer, [part for part in parts if part is not None])
-
-    def _replace(self, answer: _Answer, parts: Sequence[RefinedHypotheses]) -> None:
-        """Take the best pose of each part instead of an answer.
-
-        It is as likely as that was, at least: that something of the kind is there remains true.
-        """
-        self._answers = [other for other in self._answers if other.row != answer.row]
-        before = self._score(answer.pose, BEST_OF_MANY + answer.more)
-        for part in parts:
-            row, pose = self._append(part), part.chosen_poses[0]
-            scores = np.array([before, self._score(pose)])
-            more = max(float(-np.diff(_logits(scores))[0]), 0.0)
-            self._answers.append(_Answer(float(scores.max()), row, pose, answer.chosen, more))
+            parts = [part for poses in within if (part := self._refined_alone(poses))]
+            if parts and len(parts) == len(within):
+                self._replace(answer, parts)
 
     def _refined_alone(self, poses: Poses) -> RefinedHypotheses | None:
         """What is found by refining coarse poses of one instance, whatever else was found."""
         coarse = Hypotheses(poses, np.ones(len(poses)))
         return self._estimator.refine(*self._of, coarse, 1, self._unexplained)
 
-    def _append(self, found: RefinedHypotheses) -> int:
-        """Keep what follows from an answer, without a coarse hypothesis; the row of its best."""
+    def _replace(self, answer: _Answer, parts: Sequence[RefinedHypotheses]) -> None:
+        """Take the chosen pose of each part instead of an answer.
+
+        It is as likely as that was, at least: that something of the kind is there remains true.
+        """
         self._kept = None
-        row = sum(len(others.refined) for others in self._found) + found.best
-        self._found.append(replace(found, sources=np.full_like(found.sources, -1)))
-        return row
+        self._answers = [other for other in self._answers if other.row != answer.row]
+        before = self._score(answer.pose, BEST_OF_MANY + answer.more)
+        for part in parts:
+            row = sum(len(others.refined) for others in self._found) + part.best
+            self._found.append(replace(part, sources=np.full_like(part.sources, -1)))
+            (pose,) = part.chosen_poses
+            scores = np.array([self._score(pose), before])
+            more = max(float(np.diff(_logits(scores))[0]), 0.0)
+            self._answers.append(_Answer(float(scores.max()), row, pose, answer.chosen, more))
 
     def search_rest(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
         """Search what is left, again and again, while more than before is probably right."""
@@ -209,9 +205,8 @@ class Attempts:
         both = np.stack([answer.pose, best])
         before, cost = self._verifier.costs(self._context.observation, both)
         # Each alone is fooled more often: the score by what covers the part, the cost by noise.
-        if cost < before and (score := self._score(best)) > self._score(answer.pose):
-            self._answers = [other for other in self._answers if other.row != answer.row]
-            self._answers.append(_Answer(score, self._append(found), best, answer.chosen))
+        if cost < before and self._score(best) > self._score(answer.pose):
+            self._replace(answer, [found])
 
     def poses(self, least: float) -> list[Pose]:
         """Those of at least that score, each of another instance, the most likely first."""
