@@ -42,15 +42,15 @@ def test_two_parts_side_by_side_are_seen_within_what_was_taken_for_one():
     sizes, dark = (0.04, 0.1, 0.08), (150, 150, 150)
     verifier = box(sizes)
     seen = frame(verifier, WHITE, dark, poses=PAIR).observation
-    parts = poses_within(verifier.model, seen, PAIR_WHOLE)
+    parts = poses_within(verifier, seen, PAIR_WHOLE)
     assert len(parts) == 2
     for true, found in zip(PAIR, parts, strict=True):
         apart = [np.abs(corners(verifier, pose) - corners(verifier, true)).max() for pose in found]
         assert max(apart) < 1e-6
     plain = frame(verifier, WHITE, WHITE, poses=PAIR).observation
-    assert poses_within(verifier.model, plain, PAIR_WHOLE) == []
+    assert poses_within(verifier, plain, PAIR_WHOLE) == []
     cube = box((0.06, 0.1, 0.08))
-    assert poses_within(cube.model, seen, PAIR_WHOLE) == []
+    assert poses_within(cube, seen, PAIR_WHOLE) == []
 
 
 @pytest.mark.parametrize("share", [0.85, 1.0])
@@ -64,4 +64,4 @@ def test_the_edge_must_be_nearly_as_long_as_the_face(share):
     kept = rows[: round(share * len(rows))]
     rgb[kept[0] : kept[-1] + 1, int(columns.mean()) : int(columns.mean()) + 3] = 60
     seen = context.observed_again().observation
-    assert len(poses_within(verifier.model, seen, PAIR_WHOLE)) == (2 if share == 1.0 else 0)
+    assert len(poses_within(verifier, seen, PAIR_WHOLE)) == (2 if share == 1.0 else 0)

@@ -153,7 +153,7 @@ class Attempts:
         while new := [a for a in self._different() if a.pose.tobytes() not in self._looked_within]:
             answer = new[0]
             self._looked_within.add(answer.pose.tobytes())
-            within = poses_within(self._verifier.model, self._context.observation, answer.pose)
+            within = poses_within(self._verifier, self._context.observation, answer.pose)
             parts = [part for poses in within if (part := self._refined_alone(poses))]
             if parts and len(parts) == len(within):
                 self._replace(answer, parts)

@@ -24,6 +24,7 @@ _QUARTERS = _SIGNED_AXES[np.linalg.det(_SIGNED_AXES) > 0.0]
 _MISFIT = 0.12  # of the size of several parts, by which they may differ from that of one (D)
 _ALONG = np.linspace(-0.9, 0.9, 33)  # of half the face: print rarely reaches its border
 _BESIDE = 0.12 * np.linspace(-1.0, 1.0, 13)  # of half the face: the edge may be that far off
+_SAME_SURFACE = 0.005  # m between the face of the box and the model
 _NEAR = 1.5  # px from an edge of depth, or 1 px from one of colour
 _EDGE = 0.93  # share of a face's length: print reaches .91, edges between parts .88 to 1 (D)
 
@@ -78,26 +79,26 @@ def poses_turned(model: ObjectModel, found: Pose) -> Poses:
     return np.asarray(poses[refinable(poses, model.centroid)])
 
 
-def poses_within(model: ObjectModel, observation: Observation, found: Pose) -> list[Poses]:
+def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> list[Poses]:
     """Coarse poses of each of several parts that were perhaps taken for the one that was `found`.
 
     Parts side by side, with another of their sides in front, may be as large as one. They are told
-    from it by edges in the image, as long as the face, where they would touch. None without those.
+    from it by edges in the image, as long as the face, where they would touch and the model is
+    flat. None without those.
     """
+    model = verifier.model
     front, turns = _Front.of(model, found), _turns(model)
     sizes = np.abs(turns) @ front.half
     for axis in {0, 1, 2} - {front.axis}:
         across = 3 - axis - front.axis
         counts = np.round(front.half[axis] / sizes[:, axis])
-        ratios = (
-            np.stack([counts * sizes[:, axis], sizes[:, across]]) / front.half[[axis, across], None]
-        )
-        fits: Flags = (counts > 1) & (np.abs(ratios - 1.0) <= _MISFIT).all(axis=0)
+        parts_size = np.stack([counts * sizes[:, axis], sizes[:, across]])
+        misfits = np.abs(parts_size / front.half[[axis, across], None] - 1.0)
+        fits: Flags = (counts > 1) & (misfits <= _MISFIT).all(axis=0)
         for count in sorted({int(n) for n in counts[fits]}):
             borders = 2.0 * np.arange(1, count) / count - 1.0
-            if all(
-                _edge_share(observation, model, found, front, axis, at) >= _EDGE for at in borders
-            ):
+            lines = (_edge_share(verifier, observation, found, front, axis, at) for at in borders)
+            if all(share >= _EDGE for share in lines):
                 places = np.zeros((count, 3))
                 places[:, axis] = (2.0 * np.arange(count) + 1.0) / count - 1.0
                 alike = turns[fits & (counts == count)]
@@ -122,28 +123,31 @@ def _placed(found: Pose, front: _Front, turns: Float[np.ndarray, "n 3 3"], shift
 
 
 def _edge_share(
-    observation: Observation,
-    model: ObjectModel,
-    found: Pose,
-    front: _Front,
-    axis: int,
-    place: float,
+    verifier: Verifier, observation: Observation, found: Pose, front: _Front, axis: int, at: float
 ) -> float:
     """Share of the front's length along which the image has an edge straight across its `axis`.
 
-    Near a `place` between -1 and 1: the largest of those of lines beside each other.
+    `at` a place between -1 and 1: the largest of those of lines beside each other. 0 where the
+    model itself is not flat, or is not seen.
     """
     points = np.zeros((len(_BESIDE), len(_ALONG), 3))
-    points[..., front.axis], points[..., axis] = front.sign, place + _BESIDE[:, None]
+    points[..., front.axis], points[..., axis] = front.sign, at + _BESIDE[:, None]
     points[..., 3 - axis - front.axis] = _ALONG
-    points = front.middle + points.reshape(-1, 3) * front.half
-    pixels = project(transform(found, points), observation.camera_matrix)
+    points = transform(found, front.middle + points.reshape(-1, 3) * front.half)
+    pixels = project(points, observation.camera_matrix)
     along = pixels[len(_ALONG) - 1] - pixels[0]
     direction = round(float(np.arctan2(along[0], -along[1])) / np.pi * DIRECTIONS) % DIRECTIONS
-    edges = observation.edges_of(model)
+    edges = observation.edges_of(verifier.model)
     edges = observation.depth_edge_distance if edges is None else edges
-    height, width = observation.depth.shape
+    agreeing, rendered = verifier.explained(observation, found)
     x, y = np.floor(pixels + 0.5).astype(int).T
-    near = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-    near[near] = edges[direction, y[near], x[near]] <= _NEAR
+    seen = (x >= 0) & (y >= 0) & (x < rendered.shape[1]) & (y < rendered.shape[0])
+    row, column = y[seen], x[seen]
+    seen[seen] = agreeing[row, column] & (
+        np.abs(rendered[row, column] - points[seen, 2]) < _SAME_SURFACE
+    )
+    if seen.mean() < _EDGE:
+        return 0.0
+    near = np.zeros(len(points), dtype=bool)
+    near[seen] = edges[direction, y[seen], x[seen]] <= _NEAR
     return float(near.reshape(len(_BESIDE), -1).mean(axis=1).max())
