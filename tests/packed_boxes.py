@@ -1,15 +1,14 @@
 """Boxes without colours, packed side by side, and what a camera sees of them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import trimesh
 
-from hlp.arrays import Image
 from hlp.geometry import rigid
 from hlp.records import ObjectModel
-from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
+from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
 from refinement_scene import CAMERA, SHAPE, as_mesh
 
@@ -26,30 +25,16 @@ PAIR = rigid(np.eye(3), np.array([[-0.02, 0.0, 0.8], [0.02, 0.0, 0.8]]))
 PAIR_WHOLE = rigid(QUARTER, np.array([0.0, 0.0, 0.78]))
 
 
-@dataclass
-class Packed:
-    """The frame of a search, as far as attempts look at it."""
-
-    frame: SimpleNamespace
-    observation: Observation
-    estimator: object = None
-
-    @classmethod
-    def of(cls, rgb: np.ndarray, depth: Image) -> "Packed":
-        """What a camera sees."""
-        seen = observe(rgb, depth, CAMERA, VerificationSettings())
-        return cls(SimpleNamespace(rgb=rgb), seen)
-
-    def observed_again(self) -> "Packed":
-        """The same after the picture was changed."""
-        return self.of(self.frame.rgb, self.observation.depth)
-
-
 def box(size=SIZE):
     """A verifier of a box of this size (m)."""
-    mesh = replace(as_mesh(trimesh.creation.box(size)), colored=False)
-    diameter = float(np.linalg.norm(size))
-    model = ObjectModel(1, "box", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+    return verifier_of(trimesh.creation.box(size))
+
+
+def verifier_of(shape):
+    """A verifier of a part without colours."""
+    mesh = replace(as_mesh(shape), colored=False)
+    diameter = float(np.linalg.norm(shape.extents))
+    model = ObjectModel(1, "part", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
     return Verifier(model, VerificationSettings())
 
 
@@ -59,4 +44,10 @@ def frame(verifier, *colors, poses=POSES):
     rgb, depth = np.full((*SHAPE, 3), 60, np.uint8), np.full(SHAPE, 0.9, np.float32)
     for image, color in zip(drawn, colors, strict=True):
         rgb[image > 0], depth[image > 0] = color, image[image > 0]
-    return Packed.of(rgb, depth)
+    return seen_as(rgb, depth)
+
+
+def seen_as(rgb, depth):
+    """What attempts look at of a frame's search."""
+    seen = observe(rgb, depth, CAMERA, VerificationSettings())
+    return SimpleNamespace(frame=SimpleNamespace(rgb=rgb), observation=seen)

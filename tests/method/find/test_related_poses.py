@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from hlp.geometry import rigid, transform
 from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
-from packed_boxes import PAIR, PAIR_WHOLE, POSES, WHITE, WRONG, box, frame
+from packed_boxes import PAIR, PAIR_WHOLE, POSES, WHITE, WRONG, box, frame, seen_as, verifier_of
 
 HALF_TURNS = rigid(np.array([np.diag(d) for d in ([1, 1, 1], [1, -1, -1.0])]), np.zeros(3))
 
@@ -53,6 +54,17 @@ def test_two_parts_side_by_side_are_seen_within_what_was_taken_for_one():
     assert poses_within(cube, seen, PAIR_WHOLE) == []
 
 
+def test_where_the_model_has_a_groove_an_edge_is_its_own():
+    seen = frame(box((0.04, 0.1, 0.08)), WHITE, (150, 150, 150), poses=PAIR).observation
+    shapes = [
+        trimesh.creation.box((0.04, 0.1, 0.039)).apply_translation((0.0, 0.0, -0.0205)),
+        trimesh.creation.box((0.04, 0.1, 0.039)).apply_translation((0.0, 0.0, 0.0205)),
+        trimesh.creation.box((0.03, 0.1, 0.08)).apply_translation((-0.005, 0.0, 0.0)),
+    ]
+    assert poses_within(verifier_of(trimesh.util.concatenate(shapes)), seen, PAIR_WHOLE) == []
+    assert poses_within(verifier_of(trimesh.creation.box((0.04, 0.1, 0.08))), seen, PAIR_WHOLE)
+
+
 @pytest.mark.parametrize("share", [0.85, 1.0])
 def test_the_edge_must_be_nearly_as_long_as_the_face(share):
     """Print rarely is."""
@@ -63,5 +75,5 @@ def test_the_edge_must_be_nearly_as_long_as_the_face(share):
     columns = np.flatnonzero((rgb == WHITE).all(axis=2).any(axis=0))
     kept = rows[: round(share * len(rows))]
     rgb[kept[0] : kept[-1] + 1, int(columns.mean()) : int(columns.mean()) + 3] = 60
-    seen = context.observed_again().observation
+    seen = seen_as(rgb, context.observation.depth).observation
     assert len(poses_within(verifier, seen, PAIR_WHOLE)) == (2 if share == 1.0 else 0)
