@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 36_531,  # aim: 24,000
+    "lines of src": 36_533,  # aim: 24,000
     "modules of src": 219,
     "lines of tests": 31_587,  # aim: 22,000
     "files of conf": 59,

@@ -128,12 +128,14 @@ def _edge_share(
     """Share of the front's length along which the image has an edge straight across its `axis`.
 
     `at` a place between -1 and 1: the largest of those of lines beside each other. 0 where the
-    model itself is not flat, or is not seen.
+    model itself is not flat, is not seen, or lies behind the camera.
     """
     points = np.zeros((len(_BESIDE), len(_ALONG), 3))
     points[..., front.axis], points[..., axis] = front.sign, at + _BESIDE[:, None]
     points[..., 3 - axis - front.axis] = _ALONG
     points = transform(found, front.middle + points.reshape(-1, 3) * front.half)
+    if points[:, 2].min() <= 0.0:
+        return 0.0
     pixels = project(points, observation.camera_matrix)
     along = pixels[len(_ALONG) - 1] - pixels[0]
     direction = round(float(np.arctan2(along[0], -along[1])) / np.pi * DIRECTIONS) % DIRECTIONS
