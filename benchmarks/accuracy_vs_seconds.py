@@ -1,7 +1,8 @@
 """Accuracy against CPU seconds: HLP at several speeds beside OpenCV's LINEMOD and PPF.
 
     pip install --target build/contrib --no-deps opencv-contrib-python-headless
-    PYTHONPATH=build/contrib python benchmarks/accuracy_vs_seconds.py ../shared/data --work work
+    export PYTHONPATH=build/contrib OMP_NUM_THREADS=1
+    python benchmarks/accuracy_vs_seconds.py ../shared/data --work work
 
 Everything runs on the same frames, in one process with one thread; how many instances of which
 objects are in a frame is known. `cv2.linemod` and `cv2.ppf_match_3d` belong to OpenCV's extra
