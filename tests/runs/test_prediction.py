@@ -4,6 +4,7 @@ import json
 import logging
 import os
 import re
+import threading
 from dataclasses import replace
 
 import cv2
@@ -134,6 +135,15 @@ def test_without_any_answer_no_header_stands_above_the_error(detector, tmp_path,
     with pytest.raises(DataError):
         predict(detector, all_broken, tmp_path / "out", PredictionOptions())
     assert capsys.readouterr().out == ""
+
+
+def test_an_error_leaves_no_thread_that_decodes(detector, tmp_path):
+    """It would end whenever its generator is collected, where waiting for it may block."""
+    before = set(threading.enumerate())
+    with pytest.raises(DataError) as kept:
+        predict(detector, frames(tmp_path, (0,), 1), tmp_path / "out", PredictionOptions())
+    new = {t.name for t in set(threading.enumerate()) - before}
+    assert kept and not any("ThreadPool" in name for name in new)
 
 
 def stop(detector, own, output):

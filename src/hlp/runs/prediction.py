@@ -109,12 +109,12 @@ def predict(
     """
     call = _Call(detector, frames, output, options)
     request = "" if options.track else _request(detector, frames, options, masks)
-    with AnswersFile(output, request) as file:
+    with AnswersFile(output, request) as file, ThreadPoolExecutor(1) as decoder:
         failed = sum(not used for used in file.answered.values())
         left = [key for key in frames.keys if parse_frame_key(key) not in file.answered]
         if file.answered:
             _logger.info("%d of %d frames are answered already", len(file.answered), len(frames))
-        decoded = _decoded(frames, left, masks)
+        decoded = _decoded(decoder, frames, left, masks)
         progress = Progress(decoded, "poses", len(left), unit="frame", bar=len(left) > 1)
         for key, frame, mask, error in progress:
             problem = error if frame is None else call.answer(frame, mask, file)
@@ -149,7 +149,7 @@ def _request(
 
 
 def _decoded(
-    frames: OwnFrames, keys: Sequence[str], masks: SearchMasks | None
+    decoder: ThreadPoolExecutor, frames: OwnFrames, keys: Sequence[str], masks: SearchMasks | None
 ) -> Iterator[_Decoded]:
     """Each frame or its error, in order; a few of the next ones are decoded meanwhile."""
 
@@ -162,13 +162,12 @@ def _decoded(
             return key, None, None, error
 
     waiting: list[Future[_Decoded]] = []
-    with ThreadPoolExecutor(1) as decoder:
-        for key in keys:
-            waiting.append(decoder.submit(decode, key))
-            if len(waiting) > _AHEAD:
-                yield waiting.pop(0).result()
-        for future in waiting:
-            yield future.result()
+    for key in keys:
+        waiting.append(decoder.submit(decode, key))
+        if len(waiting) > _AHEAD:
+            yield waiting.pop(0).result()
+    for future in waiting:
+        yield future.result()
 
 
 def _names(frames: OwnFrames, key: str) -> dict[str, Any]:
