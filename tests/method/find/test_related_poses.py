@@ -50,8 +50,8 @@ def test_two_parts_side_by_side_are_seen_within_what_was_taken_for_one():
         assert max(apart) < 1e-6
     plain = frame(verifier, WHITE, WHITE, poses=PAIR).observation
     assert poses_within(verifier, plain, PAIR_WHOLE) == []
-    cube = box((0.06, 0.1, 0.08))
-    assert poses_within(cube, seen, PAIR_WHOLE) == []
+    other = box((0.06, 0.1, 0.08))
+    assert poses_within(other, seen, PAIR_WHOLE) == []
 
 
 def test_where_the_model_has_a_groove_an_edge_is_its_own():

@@ -26,7 +26,7 @@ _ALONG = np.linspace(-0.9, 0.9, 33)  # of half the face: print rarely reaches it
 _BESIDE = 0.12 * np.linspace(-1.0, 1.0, 13)  # of half the face: the edge may be that far off
 _SAME_SURFACE = 0.005  # m between the face of the box and the model
 _NEAR = 1.5  # px from an edge of depth, or 1 px from one of colour
-_EDGE = 0.93  # share of a face's length: print reaches .91, edges between parts .88 to 1 (D)
+_EDGE = 0.93  # share of a face's length: print reaches .91, clear borders of cartons 1 (D)
 
 
 class _Front(NamedTuple):
