@@ -106,18 +106,21 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]])
     write_text(path, text.getvalue())
 
 
-def write_array(path: Path, array: np.ndarray) -> None:
-    """Replace a file's content by an array in NumPy's .npy format.
+def write_array(path: Path, shape: tuple[int, ...], parts: Iterable[np.ndarray]) -> None:
+    """Replace a file's content by an array in NumPy's .npy format, given in one or more parts.
 
-    Raises OSError with the system's reason. `np.save` loses it: on a full disk it counts bytes.
+    Together they have the `shape`. Raises OSError with the system's reason. `np.save` loses it: on
+    a full disk it counts bytes.
     """
     import numpy as np
 
-    array = np.ascontiguousarray(array)
     with replaced(path) as stream:
-        header = np.lib.format.header_data_from_array_1_0(array)
-        np.lib.format.write_array_header_1_0(stream, header)
-        stream.write(array.data)
+        for number, part in enumerate(parts):
+            part = np.ascontiguousarray(part)
+            if number == 0:
+                header = np.lib.format.header_data_from_array_1_0(part) | {"shape": shape}
+                np.lib.format.write_array_header_1_0(stream, header)
+            stream.write(part.data)
 
 
 def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:

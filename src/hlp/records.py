@@ -8,9 +8,10 @@ have integer coordinates.
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 MILLIMETRE, MILLIMETRES_PER_METRE = 1e-3, 1000.0  # the first in metres
 
@@ -143,6 +144,22 @@ class CameraImage:
 
 
 @dataclass(frozen=True)
+class StoredDepth:
+    """Depth images in whole steps of `unit` (m), as on disk; an index gives metres (float32)."""
+
+    steps: UInt16[np.ndarray, "n s s"]
+    unit: float
+
+    def __getitem__(self, index: Any) -> Float[np.ndarray, "..."]:
+        return np.multiply(self.steps[index], np.float32(self.unit), dtype=np.float32)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of all images."""
+        return self.steps.shape
+
+
+@dataclass(frozen=True)
 class Views:
     """Rendered RGB-D views of one object, square and of one size (stage 0).
 
@@ -152,7 +169,7 @@ class Views:
 
     object_id: int
     rgb: UInt8[np.ndarray, "n s s 3"]
-    depth: Float[np.ndarray, "n s s"]
+    depth: Float[np.ndarray, "n s s"] | StoredDepth
     poses_cam_obj: Float[np.ndarray, "n 4 4"]
     camera_matrix: Float[np.ndarray, "3 3"]
 
@@ -178,6 +195,10 @@ class LocalPatches:
 
     def __len__(self) -> int:
         return len(self.points_cam)
+
+    def __getitem__(self, rows: Int[np.ndarray, "m"] | slice) -> "LocalPatches":
+        """The patches of some rows, in their order."""
+        return LocalPatches(*(values[rows] for values in vars(self).values()))
 
 
 @dataclass(frozen=True)

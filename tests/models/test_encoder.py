@@ -9,7 +9,6 @@ from hlp.models.encoder import normals_with_depth, patch_input
 from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
 from hlp.models.network_training import PatchEncoder
 from hlp.models.onnx_export import export_network
-from hlp.patches.local import take_patches
 from networks import trained
 from view_records import random_patches
 
@@ -53,7 +52,7 @@ def test_a_patch_has_one_feature_in_whatever_company(tmp_path):
     made, _ = encoder(tmp_path, CONTRASTIVE)
     together = made.encode(patches)
     for rows in (np.arange(1), np.arange(500, 530), np.arange(1020, 1100), np.arange(600)):
-        np.testing.assert_array_equal(made.encode(take_patches(patches, rows)), together[rows])
+        np.testing.assert_array_equal(made.encode(patches[rows]), together[rows])
 
 
 def surface_normals(depth, valid):

@@ -7,7 +7,6 @@ from torch.nn import functional
 
 from hlp.models.encoder import normals_with_depth
 from hlp.models.pca import PcaSettings, fit_pca
-from hlp.patches.local import take_patches
 from view_records import random_patches
 
 CELLS = 4
@@ -56,7 +55,7 @@ def test_features_are_projections():
 def test_a_patch_has_one_feature_in_whatever_company():
     patches = make_patches(50)
     pca = fitted(patches, 8)
-    alone = take_patches(patches, np.array([7]))
+    alone = patches[np.array([7])]
     np.testing.assert_allclose(pca.encode(alone)[0], pca.encode(patches)[7], atol=1e-5)
 
 

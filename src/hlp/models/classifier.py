@@ -36,7 +36,7 @@ class ClassifierSettings(Settings):
     batch_size: Annotated[Count, Doc("windows in a batch (D)")] = 256
     min_batches: Annotated[
         int, Ge(0), Doc("least number of batches: with few objects, epochs are added (D)")
-    ] = 300
+    ] = 150
     prior_objects: Annotated[
         int | None,
         Ge(1),

@@ -104,9 +104,9 @@ class NetworkEncoder:
 
     def encode(self, patches: LocalPatches) -> Features:
         """Features (n, d) float32 of n patches."""
-        images = patch_input(patches, self.kind)
-        starts = range(0, max(len(images), 1), _CHUNK)
-        features = np.concatenate([self.network.run(images[i : i + _CHUNK]) for i in starts])
+        starts = range(0, max(len(patches), 1), _CHUNK)
+        chunks = (patches[i : i + _CHUNK] for i in starts)
+        features = np.concatenate([self.network.run(patch_input(c, self.kind)) for c in chunks])
         if self.unit_length:
             norms = np.linalg.norm(features, axis=1, keepdims=True)
             features /= np.maximum(norms, np.float32(1e-12))

@@ -56,14 +56,18 @@ class HolisticPoolSettings(Settings):
         0.08
     )
     backgrounds: Annotated[
-        Count, Doc("number of crops of photographs, and of RGB-D frames (D)")
+        Count,
+        Doc(
+            "crops of photographs, and of each kind of RGB-D frames; no more than windows of the "
+            "objects (D)"
+        ),
     ] = 8000
     distractor_scenes: Annotated[
         int,
         Ge(0),
         Doc(
             "rendered scenes of random shapes in the objects' sizes, colours and prints, of which "
-            "as many crops are backgrounds (D); 0: none"
+            "as many crops are backgrounds (D); fewer if there are fewer crops; 0: none"
         ),
     ] = 100
 
@@ -139,16 +143,20 @@ def bake_backgrounds(
     rng: np.random.Generator,
 ) -> BackgroundPool:
     """Crops of photographs (without depth) and about `count` windows of each group of frames."""
-    colors, depths = [photograph_crops], [np.zeros(photograph_crops.shape[:3], dtype=np.uint8)]
-    for group in frames:
-        for frame in group:
-            if not (frame.depth > 0).any():
-                continue
-            share = count // len(group)
-            color, depth = _frame_windows(frame, metric_sizes, resolution, share, rng)
-            colors.append(color)
-            depths.append(depth)
-    return BackgroundPool(np.concatenate(colors), np.concatenate(depths))
+    seen = [[frame for frame in group if (frame.depth > 0).any()] for group in frames]
+    cut = [(frame, count // len(group)) for group in seen for frame in group]
+    total = len(photograph_crops) + sum(share for _, share in cut)
+    pool = BackgroundPool(
+        np.empty((total, resolution, resolution, 3), dtype=np.uint8),
+        np.zeros((total, resolution, resolution), dtype=np.uint8),
+    )
+    stop = len(photograph_crops)
+    pool.color[:stop] = photograph_crops
+    for frame, share in cut:
+        rows, stop = slice(stop, stop + share), stop + share
+        windows = _frame_windows(frame, metric_sizes, resolution, share, rng)
+        pool.color[rows], pool.depth[rows] = windows
+    return pool
 
 
 def _view_windows(

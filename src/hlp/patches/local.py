@@ -189,11 +189,6 @@ def _normalise_depth(
                         color[i, y, x, channel] = _FILL_COLOR
 
 
-def take_patches(patches: LocalPatches, rows: Rows) -> LocalPatches:
-    """The patches of some rows, in their order."""
-    return LocalPatches(*(values[rows] for values in vars(patches).values()))
-
-
 def region_pixels(mask: Mask, step: int) -> Pixels:
     """Grid pixels (x, y), every `step` px, inside a candidate region."""
     grid = pixel_grid((mask.shape[0], mask.shape[1]), step)

@@ -9,7 +9,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from hlp.arrays import Rows
-from hlp.patches.local import take_patches
 from hlp.patches.local_pool import PairPool
 from hlp.patches.pool_loader import Batch, PoolDataModule
 from hlp.records import LocalPatches
@@ -130,7 +129,7 @@ def degrade_patches(patches: LocalPatches, rows: Rows, size: float, seed: int) -
 
     Patches without colour channels stay without.
     """
-    chosen = take_patches(patches, rows)
+    chosen = patches[rows]
     gen = torch.Generator().manual_seed(seed)
     sizes = torch.full((len(chosen),), size)
     depth, valid, clutter = degrade_depth(

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 from hlp.arrays import Flags, Pixels, Points, Rows, Values
 from hlp.geometry import back_project, project, transform
 from hlp.patches.holistic import pixel_grid
-from hlp.patches.local import LocalSettings, cut_local_patches, take_patches
+from hlp.patches.local import LocalSettings, cut_local_patches
 from hlp.patches.sampling import bleed_color, join
 from hlp.records import Frame, LocalPatches, Views
 from hlp.settings import Count, Doc, NotNegative, Settings
@@ -155,7 +155,7 @@ def _cut_by_view(
         cut_view_patches(views, int(chosen[rows[0]]), pixels[rows], size, local, with_color)
         for rows in np.split(order, bounds)
     ]
-    return take_patches(join(parts), np.argsort(order, kind="stable"))
+    return join(parts)[np.argsort(order, kind="stable")]
 
 
 def cut_view_patches(

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt16
 
 from hlp.arrays import CameraMatrix, Points, Poses, Values
 from hlp.errors import ConfigError, DataError, MissingFileError
@@ -18,7 +18,7 @@ from hlp.files import write_array
 from hlp.geometry import rigid
 from hlp.kernels import ThreadTeam
 from hlp.progress import Progress
-from hlp.records import MILLIMETRES_PER_METRE, ObjectModel, Views
+from hlp.records import MILLIMETRES_PER_METRE, ObjectModel, StoredDepth, Views
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.rasterizer import random_light
 from hlp.settings import Doc, Positive, Settings, SettingsError
@@ -212,23 +212,30 @@ def save_views(folder: Path, views: Views) -> None:
     is not stored: objects of any id can share the views of one mesh. Raises ValueError on depth
     beyond 6.5 m, which would not fit.
     """
-    steps = np.rint(views.depth / _DEPTH_UNIT)
-    if steps.size and not (steps.min() >= 0 and steps.max() <= np.iinfo(np.uint16).max):
+    folder.mkdir(parents=True, exist_ok=True)
+    steps = (_depth_steps(views, view) for view in range(len(views)))
+    content = [views.rgb], steps, [views.poses_cam_obj], [views.camera_matrix]
+    shapes = views.rgb.shape, views.depth.shape, views.poses_cam_obj.shape, (3, 3)
+    for name, shape, parts in zip(_FILES, shapes, content, strict=True):
+        write_array(folder / f"{name}.npy", shape, parts)
+
+
+def _depth_steps(views: Views, view: int) -> UInt16[np.ndarray, "s s"]:
+    steps = np.rint(views.depth[view] / _DEPTH_UNIT)
+    if not (steps.min() >= 0 and steps.max() <= np.iinfo(np.uint16).max):
         raise ConfigError(
             f"depth of object {views.object_id} lies outside 0 to 6.5535 m; "
             "use a smaller rendering.distance_mm"
         )
-    arrays = views.rgb, steps.astype(np.uint16), views.poses_cam_obj, views.camera_matrix
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, array in zip(_FILES, arrays, strict=True):
-        write_array(folder / f"{name}.npy", array)
+    return steps.astype(np.uint16)
 
 
 def load_views(folder: Path, object_id: int) -> Views:
     """Views written by `save_views`, as those of the object `object_id`.
 
-    `rgb` stays on disk (memory-mapped, read-only). Raises FileNotFoundError if a file is missing,
-    ValueError if one is damaged or does not fit the others; both name the file.
+    Images stay on disk (memory-mapped, read-only) until they are asked for. Raises
+    FileNotFoundError if a file is missing, ValueError if one is damaged or does not fit the others;
+    both name the file.
     """
     rgb, steps, poses, camera_matrix = (_load(folder / f"{name}.npy") for name in _FILES)
     if not len(rgb) == len(steps) == len(poses):
@@ -236,7 +243,7 @@ def load_views(folder: Path, object_id: int) -> Views:
             f"{folder} holds {len(rgb)} colour, {len(steps)} depth images and {len(poses)} poses; "
             "delete the folder to render it again"
         )
-    depth = np.multiply(steps, np.float32(_DEPTH_UNIT), dtype=np.float32)
+    depth = StoredDepth(steps, _DEPTH_UNIT)
     return Views(object_id, rgb, depth, np.array(poses), np.array(camera_matrix))
 
 

@@ -13,7 +13,7 @@ from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
 from hlp.method.find.trace import Trace
 from hlp.method.settings import ClassifierStage
-from hlp.patches.local import LocalSettings, cut_local_patches, take_patches
+from hlp.patches.local import LocalSettings, cut_local_patches
 from hlp.patches.local_pool import cut_view_patches
 from hlp.patches.sampling import join
 from hlp.records import (
@@ -160,7 +160,7 @@ def entries_on_target(
     true_places = transform(inverse(target.pose_cam_obj), patches.points_cam)
     shown = []
     for row, entries in enumerate(matches.indices):
-        cut = [take_patches(patches, np.array([row]))]
+        cut = [patches[np.array([row])]]
         cut += [entry_patch(views, codebook, int(entry), size, local) for entry in entries]
         apart = distances_on_object(codebook.points_obj[entries], true_places[row], model)
         name = f"{model.name} {frame.key}"

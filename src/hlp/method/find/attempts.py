@@ -193,8 +193,7 @@ class Attempts:
         instances is not known, as many wrong answers as right ones would gain by it.
         """
         for answer in self._different() if self._colorless and self._min_score is None else ():
-            # What was told from one whole would only be turned back into it.
-            if answer.score >= _LIKELY and not answer.more:
+            if answer.score >= _LIKELY:
                 self._turn(answer)
 
     def _turn(self, answer: _Answer) -> None:
@@ -202,10 +201,11 @@ class Attempts:
         if found is None:
             return
         self._kept, best = None, found.chosen_poses[0]  # scores are changed below
-        both = np.stack([answer.pose, best])
-        before, cost = self._verifier.costs(self._context.observation, both)
+        seen = self._verifier, self._context.observation
+        before, cost = self._verifier.costs(seen[1], np.stack([answer.pose, best]))
         # Each alone is fooled more often: the score by what covers the part, the cost by noise.
-        if cost < before and self._score(best) > self._score(answer.pose):
+        better = cost < before and self._score(best) > self._score(answer.pose)
+        if better and not poses_within(*seen, best):  # nor back into one for several
             self._replace(answer, [found])
 
     def poses(self, least: float) -> list[Pose]:

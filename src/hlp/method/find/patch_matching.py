@@ -18,7 +18,7 @@ from hlp.method.find.trace import Observer, nobody
 from hlp.method.settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
-from hlp.patches.local import cut_local_patches, take_patches
+from hlp.patches.local import cut_local_patches
 from hlp.patches.sampling import join
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
 from hlp.refinement.score_model import ScoreModel
@@ -206,7 +206,7 @@ class FrameMatches:
             rows = known.rows[y, x]
             patches, matches = known.found[0]
         rows = rows[rows != _NO_PATCH]
-        return take_patches(patches, rows), Matches(matches.indices[rows], matches.distances[rows])
+        return patches[rows], Matches(matches.indices[rows], matches.distances[rows])
 
 
 class _Known:

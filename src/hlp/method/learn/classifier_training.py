@@ -1,6 +1,5 @@
 """Trains the holistic classifier on rendered windows and backgrounds."""
 
-import gc
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from hlp.kernels import free_memory
 from hlp.method.learn.model_files import CLASSIFIER, StartingWeights
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.settings import ClassifierStage
@@ -48,10 +48,10 @@ def train_classifier(
     prior = max(settings.classifier.prior_objects or 0, len(models))
     pool = settings.pool
     raise_background(module.network, pool.object_odds(len(models)) / pool.object_odds(prior))
-    sample = calibration_images(data, module.images)
-    export_network(module.network.layers, sample, folder / CLASSIFIER, levels=True)
+    sample, layers = calibration_images(data, module.images), module.network.layers
     del data, module
-    gc.collect()  # trainer, loader and data refer to each other: a gigabyte for 15 objects
+    free_memory()  # trainer, loader and data refer to each other: a gigabyte for 15 objects
+    export_network(layers, sample, folder / CLASSIFIER, levels=True)
 
 
 def training_windows(
@@ -62,9 +62,10 @@ def training_windows(
 ) -> HolisticDataModule:
     """The images that the classifier of all `models` is trained on."""
     ordered = [model for _, model in sorted(models.items())]
+    windows = _windows(ordered, views_of, settings)
     return HolisticDataModule(
-        _windows(ordered, views_of, settings),
-        _backgrounds(ordered, backgrounds, settings),
+        windows,
+        _backgrounds(ordered, backgrounds, len(windows.labels), settings),
         settings.holistic.channels,
         settings.pool.background_share_for(len(models)),
         settings.classifier.batch_size,
@@ -92,18 +93,20 @@ def _windows(
 
 
 def _backgrounds(
-    models: Sequence[ObjectModel], backgrounds: Backgrounds, settings: ClassifierStage
+    models: Sequence[ObjectModel], backgrounds: Backgrounds, windows: int, settings: ClassifierStage
 ) -> BackgroundPool:
     resolution, pool, seed = settings.holistic.resolution, settings.pool, settings.seed
     rng = np.random.default_rng([seed, 0])
+    count = min(pool.backgrounds, windows)
+    shown = -(-pool.distractor_scenes * count // pool.backgrounds)
     meshes, sizes = [m.mesh for m in models], [m.holistic_size for m in models]
     # The scenes are rendered while this thread makes or reads photographs.
     made = Progress(None, "backgrounds made", 3, unit="step")
     with made, ThreadPoolExecutor(1) as beside:
         threads = settings.machine.threads
-        scenes = beside.submit(distractor_scenes, meshes, pool.distractor_scenes, seed, threads)
-        crops = backgrounds.photograph_crops(pool.backgrounds, resolution, rng)
+        scenes = beside.submit(distractor_scenes, meshes, shown, seed, threads)
+        crops = backgrounds.photograph_crops(count, resolution, rng)
         made.update()
         frames = [backgrounds.load_background_frames(), scenes.result()]
         made.update()
-        return bake_backgrounds(crops, frames, sizes, resolution, pool.backgrounds, rng)
+        return bake_backgrounds(crops, frames, sizes, resolution, count, rng)

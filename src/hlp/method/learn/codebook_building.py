@@ -9,7 +9,7 @@ from hlp.codebook.entries import make_codebook
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.method.settings import CodebookStage
 from hlp.models.encoder import Encoder
-from hlp.patches.local import surface_pixels, take_patches
+from hlp.patches.local import surface_pixels
 from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import cut_view_patches
 from hlp.patches.sampling import join
@@ -18,7 +18,7 @@ from hlp.records import Codebook, ObjectModel, Views
 _SCALE_SAMPLE = 1024
 # Views whose patches are held at once. This bounds the memory, whatever the number of views, and is
 # large enough to fill the encoder's chunks.
-_BLOCK = 512
+_BLOCK = 128
 # Times as many pixels are drawn where flat patches are left out: three of four may be flat.
 _DRAWN = 4
 
@@ -48,7 +48,7 @@ def build_codebook(
         features.append(encoder.encode(block))
         points.append(block.points_cam)
         rows = sample - first[start]
-        sampled.append(take_patches(block, rows[(rows >= 0) & (rows < len(block))]))
+        sampled.append(block[rows[(rows >= 0) & (rows < len(block))]])
     entries = np.concatenate(features)
     some = join(sampled)
     seen = degrade_patches(some, np.arange(len(some)), size, settings.seed)

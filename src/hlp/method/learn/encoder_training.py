@@ -1,6 +1,5 @@
 """Trains the encoder that the settings name."""
 
-import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ import pytorch_lightning as pl
 import torch
 
 from hlp.arrays import DepthPatches, MaskPatches
+from hlp.kernels import free_memory
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.settings import EncoderStage
 from hlp.models.encoder import STEM
@@ -37,7 +37,7 @@ def train_encoder(
     """
     torch.manual_seed(settings.seed)
     settings.encoder.train(_Training(models, views_of, backgrounds, settings, folder))
-    gc.collect()  # as after the classifier
+    free_memory()  # as after the classifier
 
 
 @dataclass(frozen=True)

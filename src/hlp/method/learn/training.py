@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from hlp.errors import DataError
 from hlp.files import replaced, write_csv
 from hlp.fingerprints import content_checksum
+from hlp.kernels import free_memory
 from hlp.method.learn.model_files import HISTORY, WEIGHTS
 from hlp.method.settings import TrainerSettings
 from hlp.progress import Progress
@@ -55,6 +56,7 @@ def fit(
     checkpoints = folder / _CHECKPOINTS
     last = last_checkpoint(checkpoints)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    free_memory()  # what making the data has taken
     with _quiet():
         engine = _make_trainer(trainer, epochs, folder)
         with _stops(engine):
