@@ -17,7 +17,8 @@ import trimesh
 
 from hlp.geometry import back_project, rigid
 from hlp.records import Frame, Hypotheses, ObjectModel
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_rgbd
+from hlp.rendering.rasterizer import render_rgbd
+from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.rendering.views import ViewsSettings, hemisphere, thomson, view_rotations
 
 _THRESHOLD = 60.0  # percent of a template's features

@@ -15,9 +15,10 @@ from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.method.find.trace import ObjectTrace
 from hlp.method.settings import MethodSettings
-from hlp.records import Frame, Hypotheses, Refinement, Region, Target, Votes
+from hlp.records import Frame, Hypotheses, Region, Target, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
+from hlp.refinement.refiner import Refinement
 from hlp.refinement.score_model import PRIOR, ScoreModel
 from hlp.stages.store import Output
 

@@ -7,7 +7,8 @@ import trimesh
 
 from hlp.geometry import rigid
 from hlp.records import CameraImage, ObjectModel
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
+from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.shading import FRONTAL_LIGHT
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[286.2, 0.0, 162.6], [0.0, 286.8, 121.0], [0.0, 0.0, 1.0]])

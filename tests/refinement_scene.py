@@ -8,7 +8,8 @@ import trimesh
 from hlp.geometry import rigid
 from hlp.records import Mesh, ObjectModel
 from hlp.refinement.verification import Observation, VerificationSettings, observe
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
+from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.shading import FRONTAL_LIGHT
 
 CAMERA = np.array([[520.0, 0.0, 151.2], [0.0, 525.0, 118.7], [0.0, 0.0, 1.0]])
 SHAPE = (240, 320)

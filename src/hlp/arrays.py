@@ -4,10 +4,11 @@ Lengths are in metres, pixels are counted (x, y) from the centre of the first on
 """
 
 from collections.abc import Sequence
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 _Item = TypeVar("_Item")
 
@@ -36,6 +37,22 @@ DepthCodes = UInt8[np.ndarray, "n p p"]
 """Depth in 8 bits: see `patches.holistic.depth_code`."""
 MaskPatches = Bool[np.ndarray, "n p p"]
 ColorPatches = UInt8[np.ndarray, "n p p 3"]
+
+
+@dataclass(frozen=True)
+class StoredDepth:
+    """Depth images in whole steps of `unit` (m), as on disk; an index gives metres (float32)."""
+
+    steps: UInt16[np.ndarray, "n s s"]
+    unit: float
+
+    def __getitem__(self, index: Any) -> Float[np.ndarray, "..."]:
+        return np.asarray(self.steps[index] * np.float32(self.unit), dtype=np.float32)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of all images."""
+        return self.steps.shape
 
 
 def spread(items: Sequence[_Item], most: int | None) -> tuple[_Item, ...]:

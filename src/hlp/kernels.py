@@ -4,8 +4,6 @@ A kernel is compiled again when any source behind it has changed. It releases th
 `ThreadTeam`, in which the caller also works, runs several at once.
 """
 
-import ctypes
-import gc
 import logging
 import os
 import threading
@@ -245,16 +243,6 @@ class ThreadTeam:
         pieces = min(_RANGES_PER_THREAD * threads, count) if threads > 1 else 1
         bounds = list(pairwise(np.linspace(0, count, pieces + 1).astype(int).tolist()))
         self.map(lambda piece: function(*bounds[piece]), len(bounds))
-
-
-def free_memory() -> None:
-    """Collect garbage, and give what is free back to the system, which glibc alone would keep.
-
-    Elsewhere than under glibc, only the first.
-    """
-    gc.collect()
-    with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def set_compute_threads(threads: int) -> None:

@@ -8,10 +8,11 @@ have integer coordinates.
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8, UInt16
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hlp.arrays import StoredDepth
 
 MILLIMETRE, MILLIMETRES_PER_METRE = 1e-3, 1000.0  # the first in metres
 
@@ -144,22 +145,6 @@ class CameraImage:
 
 
 @dataclass(frozen=True)
-class StoredDepth:
-    """Depth images in whole steps of `unit` (m), as on disk; an index gives metres (float32)."""
-
-    steps: UInt16[np.ndarray, "n s s"]
-    unit: float
-
-    def __getitem__(self, index: Any) -> Float[np.ndarray, "..."]:
-        return np.multiply(self.steps[index], np.float32(self.unit), dtype=np.float32)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of all images."""
-        return self.steps.shape
-
-
-@dataclass(frozen=True)
 class Views:
     """Rendered RGB-D views of one object, square and of one size (stage 0).
 
@@ -265,14 +250,6 @@ class Hypotheses:
 
     def __len__(self) -> int:
         return len(self.support)
-
-
-@dataclass(frozen=True)
-class Refinement:
-    """A refined pose and the number of iterations it took."""
-
-    pose_cam_obj: Float[np.ndarray, "4 4"]
-    iterations: int
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.records import Hypotheses, Refinement
+from hlp.records import Hypotheses
 from hlp.refinement.choice import refine_and_choose
+from hlp.refinement.refiner import Refinement
 from hlp.refinement.verification import Verifier, observe
 from refinement_scene import CAMERA, disturbed, error
 

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from hlp.geometry import transform
-from hlp.records import Hypotheses, Refinement
+from hlp.records import Hypotheses
 from hlp.refinement.choice import refine_and_choose
 from hlp.refinement.pso import PsoSettings
-from hlp.refinement.refiner import NoneSettings
+from hlp.refinement.refiner import NoneSettings, Refinement
 from hlp.refinement.verification import Verifier, observe
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
+from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.shading import FRONTAL_LIGHT
 from refinement_scene import CAMERA, SHAPE, disturbed
 
 

@@ -18,7 +18,8 @@ from hlp.refinement.texture import (
 )
 from hlp.refinement.texture_kernel import LogarithmGrid, SeenSurface, sum_color_differences
 from hlp.refinement.verification import VerificationSettings, observe
-from hlp.rendering.rasterizer import Light, render_scene
+from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.shading import Light
 from hlp.rendering.surface import color_grid
 
 CAMERA = np.array([[520.0, 0.0, 159.5], [0.0, 520.0, 119.5], [0.0, 0.0, 1.0]])

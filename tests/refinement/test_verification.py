@@ -9,7 +9,8 @@ from scipy.ndimage import distance_transform_edt, sobel
 from hlp.image_edges import NO_EDGE, color_edges
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification import Evidence, VerificationSettings, Verifier, observe
-from hlp.rendering.rasterizer import Light, render_depth, render_rgbd
+from hlp.rendering.rasterizer import render_depth, render_rgbd
+from hlp.rendering.shading import Light
 from refinement_scene import CAMERA, SHAPE, disturbed, error, make_scene
 
 AMBIENT = Light((0.0, 0.0, -1.0), 1.0, 0.0, 0.0, 1.0)

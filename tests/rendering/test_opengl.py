@@ -13,7 +13,7 @@ import trimesh
 
 from hlp.records import Mesh
 from hlp.rendering import opengl, rasterizer
-from hlp.rendering.rasterizer import Light, random_light
+from hlp.rendering.shading import Light, random_light
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[300.0, 0.0, 31.3], [0.0, 310.0, 22.6], [0.0, 0.0, 1.0]])

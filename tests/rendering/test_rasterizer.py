@@ -9,14 +9,8 @@ from hypothesis import strategies as st
 from generated_values import SEEDS, numbers
 from hlp.geometry import rigid
 from hlp.records import Mesh
-from hlp.rendering.rasterizer import (
-    Light,
-    random_light,
-    render_depth,
-    render_rgbd,
-    render_scene,
-    shade,
-)
+from hlp.rendering.rasterizer import render_depth, render_rgbd, render_scene
+from hlp.rendering.shading import Light, random_light, shade
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[70.0, 0.0, 31.3], [0.0, 72.0, 24.6], [0.0, 0.0, 1.0]])
@@ -154,7 +148,8 @@ def test_shade_equals_the_scalar_formula():
             shade_one(list(a), list(n), list(v), light)
             for a, n, v in zip(albedo, normals, views, strict=True)
         ]
-        np.testing.assert_array_equal(shade(albedo, normals, views, light), expected)
+        shaded = [shade(*point, light) for point in zip(albedo, normals, views, strict=True)]
+        np.testing.assert_array_equal(shaded, expected)
 
 
 def test_random_lights_stay_in_the_cameras_half_space():

@@ -12,19 +12,10 @@ from hlp.evaluation import EvaluationSettings, WaterfallSettings
 from hlp.evaluation.waterfall import VoteCounts
 from hlp.geometry import project, rigid, transform
 from hlp.method.find.trace import STAGES, ObjectTrace
-from hlp.records import (
-    Frame,
-    Hypotheses,
-    Mesh,
-    ObjectModel,
-    Refinement,
-    Region,
-    Target,
-    TargetScore,
-    Votes,
-)
+from hlp.records import Frame, Hypotheses, Mesh, ObjectModel, Region, Target, TargetScore, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
+from hlp.refinement.refiner import Refinement
 from hlp.rendering.rasterizer import render_depth
 from hlp.runs.diagnosis import explain_misses, note_frame, visible_pixels
 from hlp.stages.trace_files import read_trace, write_trace

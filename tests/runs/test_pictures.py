@@ -10,8 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from hlp.method.find.trace import ObjectTrace
-from hlp.records import Frame, Hypotheses, PoseEstimate, Refinement, Target, TargetScore
+from hlp.records import Frame, Hypotheses, PoseEstimate, Target, TargetScore
 from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.refiner import Refinement
 from hlp.runs import pictures
 from hlp.runs.pictures import MISSED, RIGHT, draw_pictures, page_targets
 from hlp.runs.stage_samples import FrameResults

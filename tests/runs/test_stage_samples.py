@@ -12,7 +12,8 @@ from hlp.geometry import rigid
 from hlp.patches.local import LocalSettings
 from hlp.patches.local_pool import cut_view_patches
 from hlp.records import Views
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_rgbd
+from hlp.rendering.rasterizer import render_rgbd
+from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.runs.stage_samples import distances_on_object, entry_patch
 
 CAMERA = np.array([[150.0, 0.0, 31.5], [0.0, 150.0, 31.5], [0.0, 0.0, 1.0]])

@@ -11,7 +11,8 @@ from hlp.geometry import inverse, rigid, transform
 from hlp.image_edges import NO_EDGE, color_edges, edges
 from hlp.kernels import ThreadTeam
 from hlp.records import Mesh, ObjectModel
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
+from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.rendering.views import thomson
 from hlp.templates.building import DIRECTIONS, TemplateSettings, build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges

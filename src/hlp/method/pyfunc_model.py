@@ -16,7 +16,8 @@ from hlp.geometry import rigid
 from hlp.method.detector import Detector
 from hlp.method.find.detections import plain
 from hlp.records import CameraImage, ObjectModel
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
+from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.rendering.views import view_rotations
 
 IMAGES = ("rgb", "depth", "camera_matrix")

@@ -27,7 +27,8 @@ from hlp.objects.shapes import (
     tube,
 )
 from hlp.records import Frame, Mesh
-from hlp.rendering.rasterizer import random_light, render_scene
+from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.shading import random_light
 
 _SHAPES = 60  # different ones
 _SIDE = 320  # px of a scene's image

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Int
 
 from hlp.arrays import Flags, Pose, Poses, Rows, Values
-from hlp.records import Hypotheses, Refinement
-from hlp.refinement.refiner import Refiner, refinable
+from hlp.records import Hypotheses
+from hlp.refinement.refiner import Refinement, Refiner, refinable
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Evidence, Observation, Verifier
 

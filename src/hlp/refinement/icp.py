@@ -14,8 +14,8 @@ from jaxtyping import Float
 from hlp.arrays import CameraMatrix, Image, Points, Poses, Values
 from hlp.geometry import rigid, rotation_matrices, transform
 from hlp.kernels import compiled
-from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
-from hlp.refinement.refiner import REFINERS, Refiner
+from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel
+from hlp.refinement.refiner import REFINERS, Refinement, Refiner
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.rendering.surface import sample_surface
 from hlp.settings import Count, Doc, Positive, Settings

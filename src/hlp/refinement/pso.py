@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from hlp.arrays import Point, Pose, Poses, Values
 from hlp.kernels import ThreadTeam, compiled, threads_here
-from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import REFINERS, Refiner, cost_around
+from hlp.refinement.refiner import REFINERS, Refinement, Refiner, cost_around
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Doc, NotNegative, Settings, SettingsError
 

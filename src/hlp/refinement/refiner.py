@@ -6,10 +6,18 @@ from typing import Literal, Protocol
 import numpy as np
 
 from hlp.arrays import Flags, Point, Pose, Poses
-from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Registry, Settings
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A refined pose and the number of iterations it took."""
+
+    pose_cam_obj: Pose
+    iterations: int
 
 
 class Refiner(Protocol):

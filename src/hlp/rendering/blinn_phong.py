@@ -13,7 +13,7 @@ from pyrender.shader_program import ShaderProgram
 
 from hlp.arrays import CameraMatrix, Image, Pose, Rgb
 from hlp.records import Mesh
-from hlp.rendering.rasterizer import Light
+from hlp.rendering.shading import Light
 
 # World coordinates are the camera's (x right, y down, z forward); OpenGL's camera looks along -z.
 _CAMERA_POSE = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -15,7 +15,7 @@ import numpy as np
 
 from hlp.arrays import CameraMatrix, Image, Pose, Rgb
 from hlp.records import Mesh
-from hlp.rendering.rasterizer import Light
+from hlp.rendering.shading import Light
 
 _Picture = tuple[Rgb, Image]
 

@@ -12,15 +12,15 @@ import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Bool, Float, UInt16
 
-from hlp.arrays import CameraMatrix, Points, Poses, Values
+from hlp.arrays import CameraMatrix, Points, Poses, StoredDepth, Values
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.files import write_array
 from hlp.geometry import rigid
 from hlp.kernels import ThreadTeam
 from hlp.progress import Progress
-from hlp.records import MILLIMETRES_PER_METRE, ObjectModel, StoredDepth, Views
+from hlp.records import MILLIMETRES_PER_METRE, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
-from hlp.rendering.rasterizer import random_light
+from hlp.rendering.shading import random_light
 from hlp.settings import Doc, Positive, Settings, SettingsError
 
 _MIRROR = np.array([1.0, 1.0, -1.0])

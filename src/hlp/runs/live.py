@@ -24,7 +24,8 @@ from hlp.method.find.detections import Detection
 from hlp.method.settings import TrackingSettings
 from hlp.method.tracker import Tracker
 from hlp.records import CameraImage, Frame, ObjectModel
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_rgbd
+from hlp.rendering.rasterizer import render_rgbd
+from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.runs.prediction import detection_values
 from hlp.settings import Doc
 

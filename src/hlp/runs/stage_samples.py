@@ -22,14 +22,13 @@ from hlp.records import (
     LocalPatches,
     ObjectModel,
     PoseEstimate,
-    Refinement,
     Target,
     Views,
     frame_key,
 )
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
-from hlp.refinement.refiner import cost_around
+from hlp.refinement.refiner import Refinement, cost_around
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Observation, observe
 from hlp.reporting.figures.panels import SeenTarget

@@ -13,9 +13,10 @@ from hlp.errors import DataError, MissingFileError
 from hlp.files import read_npz, replaced
 from hlp.geometry import quaternions, rotation_matrices
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
-from hlp.records import Hypotheses, Refinement, Region, Votes
+from hlp.records import Hypotheses, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
+from hlp.refinement.refiner import Refinement
 
 Arrays = dict[str, np.ndarray]
 _FAILED, _OWNER = "failed", "owner"

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from hlp.method.find.attempts import Attempts
-from hlp.records import Hypotheses, Refinement
+from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY
 from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.refiner import Refinement
 from packed_boxes import PAIR, PAIR_WHOLE, PLACES, POSES, RED, TURN, WHITE, WRONG, box, frame
 
 

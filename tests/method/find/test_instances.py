@@ -8,9 +8,9 @@ import pytest
 from hlp.method.find import attempts
 from hlp.method.find.instances import find_instances, resolve_conflicts
 from hlp.method.find.trace import ObjectTrace
-from hlp.records import Hypotheses, Refinement, Region
+from hlp.records import Hypotheses, Region
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
-from hlp.refinement.refiner import NoneSettings
+from hlp.refinement.refiner import NoneSettings, Refinement
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from refinement_scene import CAMERA, disturbed
 

@@ -15,7 +15,7 @@ from hlp.arrays import Pose, Positions, Vector
 from hlp.geometry import inverse, rigid
 from hlp.objects.distractors import random_shape, toy_tree
 from hlp.records import Mesh, ObjectModel
-from hlp.rendering.rasterizer import Light
+from hlp.rendering.shading import Light
 from hlp.settings import Doc, Settings, SettingsError
 
 GAP = 0.004

@@ -23,8 +23,9 @@ from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
 from hlp.fingerprints import source_digest
 from hlp.geometry import inverse, project, transform
 from hlp.records import Frame, ObjectModel, Target, frame_key
-from hlp.rendering.rasterizer import Light, render_depth, render_scene
+from hlp.rendering.rasterizer import render_depth, render_scene
 from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
+from hlp.rendering.shading import Light
 
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""

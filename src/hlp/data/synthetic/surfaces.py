@@ -12,7 +12,8 @@ from hlp.data.synthetic.layout import Item
 from hlp.geometry import inverse, rigid
 from hlp.objects.shapes import merge, moved_by
 from hlp.records import Mesh
-from hlp.rendering.rasterizer import Light, render_depth
+from hlp.rendering.rasterizer import render_depth
+from hlp.rendering.shading import Light
 
 MAP_SIDE, MAP_PIXELS = 2.4, 600
 """Side (m and px) of the square maps of texture and shadow, centred on the table."""

@@ -26,8 +26,9 @@ from hlp.method.learn.calibration_bins import (
 from hlp.objects.shapes import CUBE, hull_mesh
 from hlp.patches.backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
-from hlp.rendering.rasterizer import random_light, render_depth, render_scene
+from hlp.rendering.rasterizer import render_depth, render_scene
 from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
+from hlp.rendering.shading import random_light
 from hlp.rendering.views import ViewsSettings, view_rotations
 
 _SHAPE = (480, 640)  # px: height, width

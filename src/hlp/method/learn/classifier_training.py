@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from hlp.kernels import free_memory
 from hlp.method.learn.model_files import CLASSIFIER, StartingWeights
-from hlp.method.learn.training import calibration_images, fit
+from hlp.method.learn.training import calibration_images, fit, free_memory
 from hlp.method.settings import ClassifierStage
 from hlp.models.network_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network

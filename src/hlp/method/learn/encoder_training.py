@@ -9,8 +9,7 @@ import pytorch_lightning as pl
 import torch
 
 from hlp.arrays import DepthPatches, MaskPatches
-from hlp.kernels import free_memory
-from hlp.method.learn.training import calibration_images, fit
+from hlp.method.learn.training import calibration_images, fit, free_memory
 from hlp.method.settings import EncoderStage
 from hlp.models.encoder import STEM
 from hlp.models.network_training import OneCycleModule

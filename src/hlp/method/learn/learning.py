@@ -34,6 +34,7 @@ from hlp.method.learn.learnt_folder import (
 from hlp.method.learn.mesh_models import check_distinct
 from hlp.method.learn.model_files import StartingWeights, read_weights, write_model
 from hlp.method.learn.score_calibration import calibrate_score
+from hlp.method.learn.training import free_memory
 from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
 from hlp.method.settings import (
     ClassifierStage,
@@ -155,15 +156,18 @@ class _Making:
         set_compute_threads(self.record.settings.machine.threads)
         of = self.models, self.views, self.backgrounds, ClassifierStage.of(self.record.settings)
         once(self.folder / CLASSIFIER, lambda folder: train_classifier(*of, folder, start))
+        free_memory()
 
     def train_encoder(self) -> None:
         of = self.models, self.views, self.backgrounds, EncoderStage.of(self.record.settings)
         once(self.folder / ENCODER, lambda folder: train_encoder(*of, folder))
+        free_memory()
 
     def add_objects(self, models: Mapping[int, ObjectModel]) -> None:
         """Models, codebooks and scores of some objects; then the folder is complete."""
         for model in models.values():
             once(self.folder / OBJECTS / model.name, partial(self._write_object, model))
+            free_memory()
         write_searches(self.folder, self.record)
         settings = self.record.settings
         learnt = LearntFolder(self.folder, record=self.record)

@@ -1,5 +1,7 @@
 """Trains a Lightning module in a folder: resumable, with a history, quiet without a terminal."""
 
+import ctypes
+import gc
 import io
 import logging
 import pickle
@@ -7,7 +9,7 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,6 @@ from torch import Tensor, nn
 from hlp.errors import DataError
 from hlp.files import replaced, write_csv
 from hlp.fingerprints import content_checksum
-from hlp.kernels import free_memory
 from hlp.method.learn.model_files import HISTORY, WEIGHTS
 from hlp.method.settings import TrainerSettings
 from hlp.progress import Progress
@@ -112,6 +113,16 @@ def _stops(engine: pl.Trainer) -> Iterator[None]:
         if engine.received_sigterm:
             raise SystemExit(128 + signal.SIGTERM) from None
         raise
+
+
+def free_memory() -> None:
+    """Collect garbage, and give what is free back to the system, which glibc alone would keep.
+
+    Elsewhere than under glibc, only the first.
+    """
+    gc.collect()
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], Tensor]) -> Tensor:

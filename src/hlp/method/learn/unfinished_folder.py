@@ -13,7 +13,6 @@ from hlp.errors import DamagedError, DataError, InputError, MissingFileError
 from hlp.files import read_json, remove_unfinished, write_json
 from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.folders import locked, own_files
-from hlp.kernels import free_memory
 from hlp.method.learn.learnt_folder import (
     RECORD,
     LearntRecord,
@@ -151,7 +150,6 @@ def once(folder: Path, make: Callable[[Path], None], marker: str = _DONE) -> Non
     if not seal_is_whole(made) or any(find_damaged(folder, made["files"])):
         folder.mkdir(parents=True, exist_ok=True)
         make(folder)
-        free_memory()
         write_json(folder / marker, sealed({"files": folder_checksums(folder)}))
 
 

@@ -27,7 +27,8 @@ from hlp.records import (
     TargetScore,
     Votes,
 )
-from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_depth, render_rgbd
+from hlp.rendering.rasterizer import render_depth, render_rgbd
+from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.reporting.figures import Color, size_of, titled, with_legend, write_words
 
 VOTE_CELL = 8  # px, as in the paper
