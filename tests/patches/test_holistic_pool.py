@@ -118,6 +118,8 @@ def test_backgrounds_are_photographs_and_as_many_windows_of_each_group_of_frames
     assert len(is_red) == 60 and is_red[:30].all() and not is_red[30:].any()
     assert (pool.depth[7:] > 0).all()
     assert (np.abs(pool.depth[7:, 12, 12].astype(int) - 128) < 10).mean() > 0.7
+    many = bake_backgrounds(crops, [[room] * 5], [0.1, 0.2], 24, 3, rng)
+    assert len(many.color) == 7 + 3  # of more frames than windows, each gives one or none
 
 
 @pytest.mark.parametrize(("objects", "share"), [(1, 1 / 2), (2, 1 / 3), (3, 1 / 4), (15, 1 / 4)])

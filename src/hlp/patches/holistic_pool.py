@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
 
-from hlp.arrays import ColorPatches, DepthCodes, Flags, MaskPatches, Pixels, Rows, Values
+from hlp.arrays import ColorPatches, DepthCodes, Flags, MaskPatches, Pixels, Rows, Values, spread
 from hlp.geometry import project
 from hlp.patches.composite import BackgroundPool
 from hlp.patches.holistic import Windows, cut_windows
@@ -143,7 +143,7 @@ def bake_backgrounds(
     rng: np.random.Generator,
 ) -> BackgroundPool:
     """Crops of photographs (without depth) and about `count` windows of each group of frames."""
-    seen = [[frame for frame in group if (frame.depth > 0).any()] for group in frames]
+    seen = [spread([f for f in group if (f.depth > 0).any()], count) for group in frames]
     cut = [(frame, count // len(group)) for group in seen for frame in group]
     total = len(photograph_crops) + sum(share for _, share in cut)
     pool = BackgroundPool(

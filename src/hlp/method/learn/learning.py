@@ -187,6 +187,7 @@ class _Making:
         machine, stage = settings.machine, CodebookStage.of(settings)
         encoder = settings.encoder.load(self.folder / ENCODER, machine.threads, machine.device)
         write_model(folder, model)
+        free_memory()
         codebook = build_codebook(model, self.views(model.object_id), encoder, stage)
         save_codebook(folder, codebook)
         if not is_joint(settings.codebook):
