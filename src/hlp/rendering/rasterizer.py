@@ -6,7 +6,6 @@ Kernels are serial and release the GIL; threads render different poses. `shading
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int, Int32
@@ -84,7 +83,7 @@ def render_depth(
     poses_cam_obj = np.asarray(poses_cam_obj, dtype=np.float64)
     _require_finite(poses_cam_obj)
     depth = np.zeros((len(poses_cam_obj), *shape), dtype=np.float32)
-    faces = drawn_faces(mesh)
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
 
     def draw(index: int) -> None:
         points = transform(poses_cam_obj[index], mesh.vertices)
@@ -126,7 +125,7 @@ def render_scene(
     for (mesh, _), pose in zip(parts, poses, strict=True):
         surface = Surface(
             first,
-            drawn_faces(mesh),
+            np.ascontiguousarray(mesh.faces, dtype=np.int32),
             transform(pose, mesh.vertices),
             mesh.normals,
             mesh.colors,
@@ -141,12 +140,6 @@ def render_scene(
     for part, surface in enumerate(drawn):
         shade_surface(surface, triangles, camera, light, part, rgb, index)
     return rgb, _depth(inverse_depth), index
-
-
-@lru_cache(maxsize=64)
-def drawn_faces(mesh: Mesh) -> Int32[np.ndarray, "f 3"]:
-    """The faces as kernels take them; kept for each of the meshes drawn last."""
-    return np.ascontiguousarray(mesh.faces, dtype=np.int32)
 
 
 def _empty(shape: tuple[int, int]) -> tuple[Image, Int32[np.ndarray, "h w"]]:
