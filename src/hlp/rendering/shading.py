@@ -3,10 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Int32, UInt8
+from jaxtyping import Float, Int, Int32, Shaped, UInt8
 
 from hlp.arrays import CameraMatrix, Points, Rgb, Vector
 from hlp.kernels import compiled
+
+_Three = tuple[float, float, float]
+_Face = Int32[np.ndarray, "3"]
 
 
 class Light(NamedTuple):
@@ -43,7 +46,7 @@ def random_light(rng: np.random.Generator) -> Light:
 
 
 @compiled()
-def shade(albedo: Vector, normal: Vector, view: Vector, light: Light) -> tuple[int, int, int]:
+def shade(albedo: _Three, normal: _Three, view: _Three, light: Light) -> tuple[int, int, int]:
     """Colour (0…255) of a surface point under a light (Blinn-Phong).
 
     `albedo` in 0…255, `normal` and `view` (from the surface towards the camera) in camera
@@ -71,7 +74,7 @@ def _level(color: float) -> int:
 
 
 @compiled(inline="always")
-def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
+def _unit(x: float, y: float, z: float) -> _Three:
     """A vector scaled to unit length; one of length 0 stays 0."""
     length = np.sqrt(x * x + y * y + z * z)
     scale = 1.0 / length if length > 0.0 else 0.0
@@ -101,34 +104,39 @@ def shade_surface(
 ) -> None:
     """Fill in the colours and the number of one part where its faces are seen."""
     height, width = triangles.shape
-    albedo, normal, view = np.empty(3), np.empty(3), np.empty(3)
-    last = surface.first + len(surface.faces)
-    rotation, points, colors = surface.rotation, surface.points_cam, surface.colors
+    last, rotation = surface.first + len(surface.faces), surface.rotation
     for y in range(height):
         for x in range(width):
             if not surface.first <= triangles[y, x] < last:
                 continue
             face = surface.faces[triangles[y, x] - surface.first]
             ray_x, ray_y = (x - camera[0, 2]) / camera[0, 0], (y - camera[1, 2]) / camera[1, 1]
-            weights = _corner_weights(points, face, ray_x, ray_y)
-            own = np.zeros(3)
-            albedo[:], view[:] = 0.0, 0.0
-            for k in range(3):
-                for axis in range(3):
-                    albedo[axis] += weights[k] * colors[face[k], axis]
-                    view[axis] -= weights[k] * points[face[k], axis]
-                    own[axis] += weights[k] * surface.normals[face[k], axis]
-            for axis in range(3):
-                turned = rotation[axis, 0] * own[0] + rotation[axis, 1] * own[1]
-                normal[axis] = turned + rotation[axis, 2] * own[2]
+            weights = _corner_weights(surface.points_cam, face, ray_x, ray_y)
+            albedo = _mean(surface.colors, face, weights)
+            point = _mean(surface.points_cam, face, weights)
+            own = _mean(surface.normals, face, weights)
+            normal = _dot(rotation[0], own), _dot(rotation[1], own), _dot(rotation[2], own)
+            view = -point[0], -point[1], -point[2]
             rgb[y, x, 0], rgb[y, x, 1], rgb[y, x, 2] = shade(albedo, normal, view, light)
             index[y, x] = part
 
 
 @compiled(inline="always")
-def _corner_weights(
-    points_cam: Points, face: Int32[np.ndarray, "3"], ray_x: float, ray_y: float
-) -> tuple[float, float, float]:
+def _mean(values: Shaped[np.ndarray, "v 3"], face: _Face, weights: _Three) -> _Three:
+    """Weighted mean of the values at a face's corners."""
+    a, b, c = values[face[0]], values[face[1]], values[face[2]]
+    u, v, w = weights
+    x, y = u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1]
+    return x, y, u * a[2] + v * b[2] + w * c[2]
+
+
+@compiled(inline="always")
+def _dot(row: Vector, vector: _Three) -> float:
+    return float(row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2])
+
+
+@compiled(inline="always")
+def _corner_weights(points_cam: Points, face: _Face, ray_x: float, ray_y: float) -> _Three:
     """Perspective-correct weights of a face's corners where a pixel's ray (x, y, 1) meets it."""
     a, b, c = points_cam[face[0]], points_cam[face[1]], points_cam[face[2]]
     # The ray's three volumes with the edges, one for the corner opposite to each edge.
