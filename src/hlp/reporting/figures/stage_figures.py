@@ -59,7 +59,7 @@ def view_sheet(views: Mapping[str, Views]) -> "Figure":
     rows = {}
     for name, rendered in views.items():
         chosen = _spread(np.arange(len(rendered)), _VIEWS)
-        seen = np.asarray(rendered.depth)[chosen] > 0
+        seen = rendered.depth[chosen] > 0
         rows[name] = [*np.where(seen[..., None], np.asarray(rendered.rgb)[chosen], _BACK)]
     return _sheet([*rows], [*rows.values()], "Some of the views, each under another light")
 
