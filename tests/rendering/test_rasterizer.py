@@ -1,4 +1,4 @@
-"""Depth, colours and shades against closed forms, and against a ray caster written here."""
+"""Depth and colours against closed forms, and against a ray caster written here."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from generated_values import SEEDS, numbers
 from hlp.geometry import rigid
 from hlp.records import Mesh
 from hlp.rendering.rasterizer import render_depth, render_rgbd, render_scene
-from hlp.rendering.shading import Light, random_light, shade
+from hlp.rendering.shading import Light
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[70.0, 0.0, 31.3], [0.0, 72.0, 24.6], [0.0, 0.0, 1.0]])
@@ -117,48 +117,6 @@ def test_bad_input_is_named():
     poses[1, 0, 3] = np.nan
     with pytest.raises(ValueError, match=r"poses_cam_obj\[1\]"):
         render_depth(mesh, poses, CAMERA, SHAPE)
-
-
-def shade_one(albedo, normal, view, light):
-    """Blinn-Phong for one point, scalar by scalar."""
-    n = np.array(normal) / np.linalg.norm(normal)
-    v = np.array(view) / np.linalg.norm(view)
-    if n @ v < 0:
-        n = -n
-    s = np.array(light.direction)
-    h = (v + s) / np.linalg.norm(v + s)
-    lit = max(float(n @ s), 0.0)
-    gloss = max(float(n @ h), 0.0) ** light.shininess if lit > 0 else 0.0
-    return [
-        min(
-            max(round(a * (light.ambient + light.diffuse * lit) + 255 * light.specular * gloss), 0),
-            255,
-        )
-        for a in albedo
-    ]
-
-
-def test_shade_equals_the_scalar_formula():
-    rng = np.random.default_rng(0)
-    albedo = rng.uniform(0, 255, (200, 3))
-    normals, views = rng.normal(size=(200, 3)), rng.normal(size=(200, 3))
-    for _ in range(5):
-        light = random_light(rng)
-        expected = [
-            shade_one(list(a), list(n), list(v), light)
-            for a, n, v in zip(albedo, normals, views, strict=True)
-        ]
-        shaded = [shade(*point, light) for point in zip(albedo, normals, views, strict=True)]
-        np.testing.assert_array_equal(shaded, expected)
-
-
-def test_random_lights_stay_in_the_cameras_half_space():
-    rng = np.random.default_rng(1)
-    lights = [random_light(rng) for _ in range(200)]
-    directions = np.array([light.direction for light in lights])
-    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
-    assert (directions[:, 2] < 0).all()
-    assert directions[:, 0].std() > 0.4 and directions[:, 1].std() > 0.4
 
 
 SMALL = (24, 32)

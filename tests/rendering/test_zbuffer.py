@@ -34,7 +34,7 @@ def drawn(vertices, faces, pose, cull):
     depth, owner = np.zeros((HEIGHT, WIDTH)), np.full((HEIGHT, WIDTH), -1, dtype=np.int32)
     points = transform(pose, vertices)
     projected = np.column_stack([project(points, CAMERA), 1.0 / points[:, 2]])
-    fill_triangles(projected, faces, depth, owner)
+    fill_triangles(projected, faces, depth, owner, 0)
     return fast[inside], seen[inside], depth, owner
 
 

@@ -26,7 +26,7 @@ def fill_triangles(
     faces: Int[np.ndarray, "f 3"],
     inverse_depth: Image,
     triangles: Int[np.ndarray, "h w"],
-    first: int = 0,
+    first: int,
 ) -> None:
     """Draw triangles into a z-buffer of inverse depths (1/m, 0 = nothing), keeping the nearest.
 

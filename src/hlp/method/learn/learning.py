@@ -161,7 +161,6 @@ class _Making:
     def train_encoder(self) -> None:
         of = self.models, self.views, self.backgrounds, EncoderStage.of(self.record.settings)
         once(self.folder / ENCODER, lambda folder: train_encoder(*of, folder))
-        free_memory()
 
     def add_objects(self, models: Mapping[int, ObjectModel]) -> None:
         """Models, codebooks and scores of some objects; then the folder is complete."""
