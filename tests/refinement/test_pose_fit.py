@@ -89,4 +89,5 @@ def test_what_lies_outside_the_image_is_not_visible(scene, observation, verifier
     expected = inside / max(np.count_nonzero(whole), 1)
     occluded = float(verifier.evidence(observation, pose[None]).occluded[0])
     fit = measure_fit(verifier, observation, pose)
+    assert fit.inside_fraction == pytest.approx(expected, abs=0.02)
     assert fit.visible_fraction == pytest.approx(expected * (1.0 - occluded), abs=0.02)

@@ -1,11 +1,13 @@
 """The score's logistic regression on poses whose truth is known."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from scipy.special import logit
 
 from hlp.errors import DataError, MissingFileError
 from hlp.refinement.pose_fit import PoseFit
@@ -140,9 +142,7 @@ def test_colours_that_contradict_lower_the_score_of_colourful_objects_alone():
     assert score(0.6, 0.8) == score(1.0, 0.8) == score(-1.0, 0.0) > 0.9
     assert score(0.2, 0.8) < score(0.5, 0.8) < score(0.6, 0.8)
     assert score(0.2, 0.8) < score(0.2, 0.3) and score(0.2, 0.8) == score(0.2, 2.0)
-    away = np.log(score(0.4, 0.5) / (1 - score(0.4, 0.5))) - np.log(
-        score(1.0, 0.5) / (1 - score(1.0, 0.5))
-    )
+    away = logit(score(0.4, 0.5)) - logit(score(1.0, 0.5))
     assert away == pytest.approx(-50.0 * 0.2 * 0.25)
 
 
@@ -154,9 +154,18 @@ def test_the_shape_of_a_flat_side_says_little():
     assert score(0.3, 50.0) < score(0.3, 1.0) < score(0.97, 1.0) < score(0.97, 50.0)
 
 
-def test_colours_are_no_part_of_the_fit():
+def test_an_object_that_the_image_cuts_off_is_less_likely_right_known_to_be_there_or_not():
+    whole = PoseFit(0.15, 0.9, 0.9, 1.0, 0.6)
+    cut_off = replace(whole, inside_fraction=0.6)
+    for score in (PRIOR.score, partial(known_score, PRIOR)):
+        away = logit(score(whole)) - logit(score(cut_off))
+        assert away == pytest.approx(10.0 * 0.4**2)
+        assert score(whole) == score(replace(whole, inside_fraction=1.0))
+
+
+def test_colours_and_the_border_are_no_part_of_the_fit():
     fits, right = drawn(400, ScoreModel(2.0, -20.0, 2.2), 5)
-    told = [replace(fit, color=0.0, contrast=0.5) for fit in fits]
+    told = [replace(fit, color=0.0, contrast=0.5, inside_fraction=0.5) for fit in fits]
     assert fit_score_model(told, right) == fit_score_model(fits, right)
 
 

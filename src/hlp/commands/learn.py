@@ -49,16 +49,12 @@ class LearningRequest:
 def learn_into(folder: Path, request: LearningRequest) -> Path:
     """Learn objects into a new folder. Raises what learning raises; says what it found and made."""
     count = len(request.models)
-    _logger.info("learning takes about %.1f minutes of computing and %.1f GB", *_needed(count))
+    needed = 1.5 * count, 1.1 + 0.07 * count  # as measured of one and of three objects
+    _logger.info("learning takes about %.1f minutes of computing and %.1f GB", *needed)
     learning.learn(request.models, folder, request.settings, request.images)
     entry = describe_learnt(folder)
     _logger.info("%s: %s, %.0f MB", ", ".join(entry.objects), folder, entry.size / 1e6)
     return folder
-
-
-def _needed(objects: int) -> tuple[float, float]:
-    """Minutes of one core's time, and gigabytes, as measured of one and of three objects."""
-    return 1.5 * objects, 1.1 + 0.07 * objects
 
 
 def learn_once(cache: Path, request: LearningRequest) -> Path:

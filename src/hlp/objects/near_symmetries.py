@@ -102,15 +102,12 @@ def _find_turns(shape: ShapeDistance) -> list[_Turn]:
         for axis in _best_apart(directions, coarse, _COARSE_LIMIT * shape.diameter):
             start = _Turn(order, axis, shape.center).by(np.array([angle]))[0]
             turn = _exact_turn(shape.aligned(start), order, shape.center)
-            if turn is None or any(_same(turn, other) for other in found):
+            along = [t.order for t in found if turn and abs(turn.axis @ t.axis) > _SAME_AXIS]
+            if turn is None or turn.order in along:
                 continue
             if shape.are_alike(turn.by(np.array([angle]))):
                 found.append(turn)
     return found
-
-
-def _same(turn: _Turn, other: _Turn) -> bool:
-    return turn.order == other.order and abs(turn.axis @ other.axis) > _SAME_AXIS
 
 
 def _best_apart(directions: Points, costs: Values, limit: float) -> list[Point]:

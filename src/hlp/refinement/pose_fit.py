@@ -30,9 +30,10 @@ class PoseFit:
     that of the depths after a plane is subtracted, and that of their local slopes. A wrong pose
     agrees with something at the right place, but rarely with its shape. `residual_mm` is the median
     absolute difference in depth where both agree. `visible_fraction` is the fraction of the
-    silhouette that lies in the image and that nothing nearer covers. `color` and `contrast` are
-    correlation and contrast of `texture.ColorAgreement`, `edge` is that of `verification.Evidence`:
-    0 where the image has an edge at every visible part of the outline, 1 where it has none.
+    silhouette that lies in the image and that nothing nearer covers, `inside_fraction` that which
+    lies in the image, covered or not. `color` and `contrast` are correlation and contrast of
+    `texture.ColorAgreement`, `edge` is that of `verification.Evidence`: 0 where the image has an
+    edge at every visible part of the outline, 1 where it has none.
     `plane_deviation_mm` is the standard deviation of the model's depth from the plane that fits it
     best: of a flat side, the correlations say little. It is infinite for an object with colours,
     which make up for it. `appearance` is what colours and edges within the outline tell of a pose
@@ -55,6 +56,7 @@ class PoseFit:
     edge: float = 0.0
     plane_deviation_mm: float = np.inf
     appearance: float = 0.0
+    inside_fraction: float = 1.0
 
 
 def measure_fit(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> PoseFit:
@@ -71,19 +73,20 @@ def measure_fit(verifier: Verifier, observation: Observation, pose_cam_obj: Pose
     # What is seen past the object is far behind it by chance: how far says nothing.
     seen = rendered + np.minimum(difference, _LIMIT * tau)
     colors = color_agreement(observation, verifier.model, pose_cam_obj)
+    inside_fraction = _inside_fraction(verifier, observation, pose_cam_obj)
     return PoseFit(
         cost=float(verifier.weigh(evidence)[0]),
         depth_correlation=depth_correlation(rendered, seen, visible),
         slope=slope_correlation(rendered, seen, visible),
         residual_mm=apart * MILLIMETRES_PER_METRE,
-        visible_fraction=_share_inside(verifier, observation, pose_cam_obj)
-        * (1.0 - float(evidence.occluded[0])),
+        visible_fraction=inside_fraction * (1.0 - float(evidence.occluded[0])),
         color=colors.correlation,
         contrast=colors.contrast,
         edge=float(evidence.edge[0]),
         plane_deviation_mm=np.inf
         if verifier.model.mesh.colored
         else plane_deviation(rendered, visible) * MILLIMETRES_PER_METRE,
+        inside_fraction=inside_fraction,
     )
 
 
@@ -160,8 +163,8 @@ def _correlation(first: list[np.ndarray], second: list[np.ndarray]) -> float:
     return float(np.clip(product / spread, -1.0, 1.0))
 
 
-def _share_inside(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> float:
-    """The share of the silhouette at a pose that lies in the image; 0 behind the camera."""
+def _inside_fraction(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> float:
+    """The fraction of the silhouette at a pose that lies in the image; 0 behind the camera."""
     points = transform(pose_cam_obj, verifier.mesh.vertices)
     if points[:, 2].min() <= 0.0:
         return 0.0

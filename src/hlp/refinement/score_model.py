@@ -4,7 +4,8 @@ A pose is right if its ADD-S is below a tenth of the object's diameter. The weig
 are fitted to poses whose truth is known, and are drawn to `PRIOR`, which was fitted to poses of
 many objects: a few dozen scenes tell where an object's own scale lies, not all of it. Colours that
 contradict the object's lower the score by a fixed rule, which is no part of the fit: rendered
-colours agree better than a camera's, so rendered scenes cannot say by how much.
+colours agree better than a camera's, so rendered scenes cannot say by how much. So does an image
+that cuts the object off, because in rendered scenes it lies well inside.
 """
 
 from collections.abc import Sequence
@@ -29,6 +30,7 @@ _FILE = "score.json"
 _AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
 _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
 _HIGHEST_CONTRAST = 0.8
+_CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
 _LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
 _NOISE_MM = 3.0  # of depth; a plane deviation of this size tells half of what a large one tells (D)
@@ -39,13 +41,14 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 class ScoreModel(Stored):
     """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
-    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d, where c is the verification cost, e the
-    distance of the outline to edges of the image, h the hidden fraction, a what the appearance
-    tells, and d how much the colours contradict. z is the mean Fisher transform artanh(r) of the
-    correlations r of depth and slope, drawn to a neutral value where the model itself is nearly a
-    plane. `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls
-    when the fit is better. An object of which less than 0.3 is seen is not found: its score is
-    below `MIN_SCORE`, in proportion.
+    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b², where c is the verification
+    cost, e the distance of the outline to edges of the image, h the hidden fraction, a what the
+    appearance tells, d how much the colours contradict, and b the fraction beyond the image's
+    border: what the image does not show contradicts no pose, so wrong ones gather there. z is the
+    mean Fisher transform artanh(r) of the correlations r of depth and slope, drawn to a neutral
+    value where the model itself is nearly a plane. `cost`, `edge` and `hidden` are at most 0 and
+    `shape` at least 0: the score never falls when the fit is better. An object of which less than
+    0.3 is seen is not found: its score is below `MIN_SCORE`, in proportion.
     """
 
     bias: float
@@ -63,7 +66,7 @@ class ScoreModel(Stored):
 
     def _probability(self, fit: PoseFit, contradiction: float = 0.0, more: float = 0.0) -> float:
         logit = self.weights(more) @ np.array([1.0, *_inputs([fit])[0]])
-        logit += fit.appearance - contradiction
+        logit += fit.appearance - contradiction - _CUT_OFF * (1.0 - fit.inside_fraction) ** 2
         return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
     def scores(self, fits: Sequence[PoseFit], known_present: bool = False) -> list[float]:

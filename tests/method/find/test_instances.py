@@ -149,7 +149,8 @@ def test_templates_are_asked_for_where_votes_are_not_sure(
     looks, most, scores, matched, monkeypatch
 ):
     monkeypatch.setattr(attempts.Attempts, "_judged", lambda self: self._answers)
-    monkeypatch.setattr(attempts.Attempts, "search_neighbours", lambda _: None)
+    for search_of_packed in ("search_neighbours", "_divide"):
+        monkeypatch.setattr(attempts.Attempts, search_of_packed, lambda _: None)
     estimator = Templates(*looks)
     found = search(estimator, most, min_score=0.5)[0]
     assert [score for score in found if score >= 0] == scores  # -1: what no search chose

@@ -54,6 +54,23 @@ def test_two_parts_side_by_side_are_seen_within_what_was_taken_for_one():
     assert poses_within(other, seen, PAIR_WHOLE) == []
 
 
+def test_three_parts_are_seen_within_one_that_covers_most_of_them():
+    """Their size is an eighth larger, so their edges are not where they would be."""
+    verifier = box((0.036, 0.1, 0.095))
+    # The last one is drawn over the sides of the others.
+    row = rigid(np.eye(3), np.array([[-0.036, 0.0, 0.8], [0.036, 0.0, 0.8], [0.0, 0.0, 0.8]]))
+    seen = frame(verifier, WHITE, WHITE, (150, 150, 150), poses=row).observation
+    whole = PAIR_WHOLE.copy()
+    whole[:3, 3] = 0.004, 0.0, 0.8 - (0.095 - 0.036) / 2
+    parts = poses_within(verifier, seen, whole)
+    assert len(parts) == 3
+    for true in row:
+        apart = [np.linalg.norm(found[:, :3, 3] - true[:3, 3], axis=1).max() for found in parts]
+        assert min(apart) < 0.012
+    plain = frame(verifier, WHITE, WHITE, WHITE, poses=row).observation
+    assert poses_within(verifier, plain, whole) == []
+
+
 def test_where_the_model_has_a_groove_an_edge_is_its_own():
     seen = frame(box((0.04, 0.1, 0.08)), WHITE, (150, 150, 150), poses=PAIR).observation
     shapes = [

@@ -195,6 +195,8 @@ class Attempts:
         for answer in self._different() if self._colorless and self._min_score is None else ():
             if answer.score >= _LIKELY:
                 self._turn(answer)
+        if self._help_each_other:
+            self._divide()  # what came forward where others changed
 
     def _turn(self, answer: _Answer) -> None:
         found = self._refined_alone(poses_turned(self._verifier.model, answer.pose))

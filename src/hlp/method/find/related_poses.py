@@ -6,6 +6,7 @@ All are those of the bounding box of the model, whose faces touch where parts ar
 from itertools import permutations, product
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 
@@ -21,9 +22,10 @@ _SIGNS = np.array([*product((1.0, -1.0), repeat=3)])[:, None]
 _SIGNED_AXES = (np.array([*permutations(np.eye(3))])[:, None] * _SIGNS).reshape(-1, 3, 3)
 _QUARTERS = _SIGNED_AXES[np.linalg.det(_SIGNED_AXES) > 0.0]
 """The 24 turns that map a cube onto itself; SciPy, which has them, is slow to import."""
-_MISFIT = 0.12  # of the size of several parts, by which they may differ from that of one (D)
+_MISFIT = 0.15  # of the size of several parts, by which they may differ from that of one (D)
 _ALONG = np.linspace(-0.9, 0.9, 33)  # of half the face: print rarely reaches its border
-_BESIDE = 0.12 * np.linspace(-1.0, 1.0, 13)  # of half the face: the edge may be that far off
+_BESIDE = 0.3 * np.linspace(-1.0, 1.0, 31)  # of half the face: the edge may be that far off
+_AROUND = 13  # of these lines, among which there must be no groove
 _SAME_SURFACE = 0.005  # m between the face of the box and the model
 _NEAR = 1.5  # px from an edge of depth, or 1 px from one of colour
 _EDGE = 0.93  # share of a face's length: print reaches .91, clear borders of cartons 1 (D)
@@ -148,8 +150,9 @@ def _edge_share(
     seen[seen] = agreeing[row, column] & (
         np.abs(rendered[row, column] - points[seen, 2]) < _SAME_SURFACE
     )
-    if seen.mean() < _EDGE:
-        return 0.0
     near = np.zeros(len(points), dtype=bool)
     near[seen] = edges[direction, y[seen], x[seen]] <= _NEAR
-    return float(near.reshape(len(_BESIDE), -1).mean(axis=1).max())
+    shares, shown = (part.reshape(len(_BESIDE), -1).mean(axis=1) for part in (near, seen))
+    # Beside a groove of the model, an edge may be its own: what lies around must be flat, too.
+    flat = cv2.blur(shown[:, None], (1, _AROUND), borderType=cv2.BORDER_REPLICATE)[:, 0] >= _EDGE
+    return float(np.where(flat, shares, 0.0).max())

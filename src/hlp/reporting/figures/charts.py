@@ -176,10 +176,6 @@ def draw_trade_off(folder: Path, runs: Sequence[Result], swept: Sequence[str]) -
     return save_figure(recall_by_time(runs, swept), folder / "recall_by_time")
 
 
-def _point(run: Result) -> Point:
-    return run.total_ms["median"], run.add["recall"]
-
-
 def _time_axes(points: Sequence[Point], end: float, title: str) -> tuple["Figure", "Axes"]:
     """Axes of recall and time from 0 to `end`, with the front of the points as a step."""
     figure, ax = _figure(4.6, 7.0)
@@ -197,7 +193,7 @@ def recall_by_time(runs: Sequence[Result], swept: Sequence[str]) -> "Figure":
 
     The front is a step: the highest recall of all runs that take no longer.
     """
-    points = [_point(run) for run in runs]
+    points = [(run.total_ms["median"], run.add["recall"]) for run in runs]
     longest, front = max(time for time, _ in points), pareto_front(points)
     title = f"Recall against time, {runs[0].targets} targets"
     figure, ax = _time_axes(points, 1.05 * longest, title)
