@@ -160,7 +160,6 @@ def test_an_object_that_the_image_cuts_off_is_less_likely_right_known_to_be_ther
     for score in (PRIOR.score, partial(known_score, PRIOR)):
         away = logit(score(whole)) - logit(score(cut_off))
         assert away == pytest.approx(10.0 * 0.4**2)
-        assert score(whole) == score(replace(whole, inside_fraction=1.0))
 
 
 def test_colours_and_the_border_are_no_part_of_the_fit():
