@@ -1,10 +1,13 @@
 # Only what finds learnt objects, a third of the size:  docker build --target detect -t hlp-detect .
-FROM python:3.11-slim AS detect
+FROM python:3.11-slim AS detection_set
 WORKDIR /hlp
 COPY . .
-RUN pip install --no-cache-dir --no-compile -r requirements-detect.txt && \
-    pip install --no-cache-dir --no-compile --no-deps . && \
-    find /usr/local/lib/python3.11/site-packages -type d -name tests -prune -exec rm -r {} +
+RUN pip install --no-cache-dir --no-compile --prefix /found -r requirements-detect.txt && \
+    pip install --no-cache-dir --no-compile --prefix /found --no-deps . && \
+    find /found -type d -name tests -prune -exec rm -r {} +
+
+FROM python:3.11-slim AS detect
+COPY --from=detection_set /found /usr/local
 WORKDIR /out
 ENTRYPOINT ["hlp"]
 
