@@ -173,11 +173,11 @@ def test_squares_of_a_few_places_at_a_time():
     assert first.mask.sum() == 2 * 169 and first.mask[10, 40] and first.mask[50, 70]
 
 
-@pytest.mark.parametrize("places", [None, 1])
-def test_no_more_places_than_asked_for(places):
-    region = region_of([(10, 10), (40, 10)], [0.2, 0.4])
-    found = list(likely_regions(region, np.full(2, 6.0), CloserLookSettings(places=places)))
-    assert len(found) == (places or 0)
+@pytest.mark.parametrize(("places", "all_", "found"), [(None, 1, 0), (1, 0, 1), (1, 1, 2)])
+def test_as_many_places_as_asked_for(places, all_, found):
+    region, radii = region_of([(10, 10), (40, 10)], [0.2, 0.4]), np.full(2, 6.0)
+    settings = CloserLookSettings(places=places, places_at_once=1)
+    assert len([*likely_regions(region, radii, settings, all_)]) == found
 
 
 def test_of_a_large_region_the_likeliest_windows_come_first():

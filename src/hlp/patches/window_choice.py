@@ -154,7 +154,10 @@ class CloserLookSettings(Settings):
     places: Annotated[
         int | None,
         Ge(1),
-        Doc("likeliest places that are searched if no pose is probably right (D); null: none (P)"),
+        Doc(
+            "likeliest places that are searched if no pose is probably right; all likely ones if "
+            "the object is known to be there and has colours (D); null: none (P)"
+        ),
     ] = 12
     places_at_once: Annotated[Count, Doc("places that are searched at once (D)")] = 3
     side: Annotated[
@@ -200,12 +203,15 @@ def first_region(
     return replace(region, mask=mask & region.mask)
 
 
-def likely_regions(region: Region, radii: Values, settings: CloserLookSettings) -> Iterator[Region]:
-    """Regions of a few places each, the likeliest places first.
+def likely_regions(
+    region: Region, radii: Values, settings: CloserLookSettings, everywhere: bool = False
+) -> Iterator[Region]:
+    """Regions of a few places each, the likeliest places first; `everywhere`: as many as there are.
 
     `radii` are half the object's diameter in pixels, at the depth of each of the region's windows.
     """
-    rows = likely_places(region, radii, settings.places or 0)
+    most = settings.places or 0
+    rows = likely_places(region, radii, len(radii) if most and everywhere else most)
     for start in range(0, len(rows), settings.places_at_once):
         chosen = rows[start : start + settings.places_at_once]
         half_sides = radii[chosen] * settings.side
@@ -222,5 +228,4 @@ def likely_places(region: Region, radii: Values, most: int) -> Rows:
         rows.append(row)
         offsets = np.linalg.norm(region.centers - region.centers[row], axis=1)
         left[offsets < radii[row]] = 0.0
-        left[row] = 0.0
     return np.array(rows, dtype=np.int64)

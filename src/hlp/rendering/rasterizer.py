@@ -18,6 +18,7 @@ from hlp.rendering.shading import Light, Surface, shade_surface
 
 NEAR = 0.01
 """Triangles with a corner nearer to the camera than this (m) are not drawn."""
+_TOLERANCE = 1e-6  # px, above the rounding error
 
 
 @compiled()
@@ -40,8 +41,8 @@ def fill_triangles(
         bx, by, wb = corners[b, 0], corners[b, 1], corners[b, 2]
         cx, cy, wc = corners[c, 0], corners[c, 1], corners[c, 2]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        x0, x1 = _covered(min(ax, bx, cx), max(ax, bx, cx), inverse_depth.shape[1])
-        y0, y1 = _covered(min(ay, by, cy), max(ay, by, cy), inverse_depth.shape[0])
+        x0, x1 = covered(min(ax, bx, cx), max(ax, bx, cx), _TOLERANCE, inverse_depth.shape[1])
+        y0, y1 = covered(min(ay, by, cy), max(ay, by, cy), _TOLERANCE, inverse_depth.shape[0])
         low, high = min(wa, wb, wc), max(wa, wb, wc)
         if x0 > x1 or y0 > y1 or abs(area) < 1e-12 or low <= 0.0:
             continue
@@ -64,9 +65,9 @@ def fill_triangles(
 
 
 @compiled(inline="always")
-def _covered(low: float, high: float, size: int) -> tuple[int, int]:
-    """First and last of `size` pixels between two positions."""
-    return max(int(np.ceil(low - 1e-6)), 0), min(int(np.floor(high + 1e-6)), size - 1)
+def covered(low: float, high: float, tolerance: float | np.float32, size: int) -> tuple[int, int]:
+    """First and last of `size` pixels between two positions (px)."""
+    return max(int(np.ceil(low - tolerance)), 0), min(int(np.floor(high + tolerance)), size - 1)
 
 
 def render_depth(

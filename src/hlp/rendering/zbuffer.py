@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32, Int, Int32, Shaped
 from hlp.arrays import CameraMatrix, Points, Pose
 from hlp.kernels import compiled
 from hlp.records import Mesh
-from hlp.rendering.rasterizer import NEAR
+from hlp.rendering.rasterizer import NEAR, covered
 
 VECTOR_WIDTH = 4
 """Pixels of a row that are drawn at once (SIMD lanes)."""
@@ -128,7 +128,7 @@ def draw_triangles(
             continue
         left, right = min(ax, bx, cx), max(ax, bx, cx)
         top, bottom = min(ay, by, cy), max(ay, by, cy)
-        box = *_covered(left, right, width), *_covered(top, bottom, height)
+        box = *covered(left, right, _TOLERANCE, width), *covered(top, bottom, _TOLERANCE, height)
         low, high = min(wa, wb, wc), max(wa, wb, wc)
         if box[0] > box[1] or box[2] > box[3] or area == _ZERO or low <= _ZERO:
             continue
@@ -140,12 +140,6 @@ def draw_triangles(
         limits = -_TOLERANCE * (right - left + bottom - top) * abs(scale), low, high
         steps = (b_x, c_x, w_x), (b_y, c_y, w_y)
         _draw_box(flat, seen, stride, face, box, (ax, ay, wa), steps, limits)
-
-
-@compiled(forceinline=True)
-def _covered(low: np.float32, high: np.float32, size: int) -> tuple[int, int]:
-    """First and last of `size` pixels between two positions."""
-    return max(int(np.ceil(low - _TOLERANCE)), 0), min(int(np.floor(high + _TOLERANCE)), size - 1)
 
 
 @compiled(forceinline=True)

@@ -152,14 +152,14 @@ class PoseEstimator:
         side = settings.region.square_side or 0.0  # then centres of windows alone
         return window_choice.first_region(region, radii, side, settings.closer_look, instances)
 
-    def likely_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
-        """Parts of the frame to search where an object's region gave no right pose."""
-        model = self.learnt.models[region.object_id]
-        radii = self._radii(context.frame, region.centers, model)
-        found = window_choice.likely_regions(region, radii, self.settings.regions.closer_look)
-        if context.mask is None:
-            return found
-        parts = (replace(part, mask=part.mask & context.mask) for part in found)
+    def likely_regions(
+        self, context: FrameContext, region: Region, known: bool
+    ) -> Iterator[Region]:
+        """Parts of the frame to search where a region gave no right pose; all if one is `known`."""
+        radii = self._radii(context.frame, region.centers, self.learnt.models[region.object_id])
+        rest = window_choice.likely_regions(region, radii, self.settings.regions.closer_look, known)
+        inside = True if context.mask is None else context.mask
+        parts = (replace(part, mask=part.mask & inside) for part in rest)
         return (part for part in parts if part.mask.any())
 
     def share_patches(self, context: FrameContext, regions: Iterable[Region]) -> None:

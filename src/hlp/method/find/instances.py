@@ -52,7 +52,7 @@ def find_instances(
     attempts.add(first)
     attempts.search_neighbours()
     at_places = None if estimator.has_templates(object_id) else _AT_PLACES
-    for enough, coarse_poses in _fallback_sources(context, region):
+    for enough, coarse_poses in _fallback_sources(context, region, min_score is None):
         # A low min_score asks for improbable poses too; it must not skip the fallback.
         right = attempts.poses(max(enough, min_score or 0))
         if len(right) >= instances or (right and min_score is not None and enough < SURE):
@@ -65,16 +65,18 @@ def find_instances(
     return attempts.merged()
 
 
-def _fallback_sources(context: FrameContext, region: Region) -> Iterator[tuple[float, CoarsePoses]]:
+def _fallback_sources(
+    context: FrameContext, region: Region, known_present: bool
+) -> Iterator[tuple[float, CoarsePoses]]:
     """Further sources of coarse poses, given the missing instances and what is unexplained.
 
     With each, the score of a pose that makes it needless: votes may be fooled by what is flat, so
     templates are asked wherever they are not sure.
     """
     estimator = context.estimator
-    if estimator.has_templates(region.object_id):
+    if templates := estimator.has_templates(region.object_id):
         yield SURE, partial(estimator.match_templates, context, region.object_id)
-    for places in estimator.likely_regions(context, region):
+    for places in estimator.likely_regions(context, region, known_present and not templates):
         yield MIN_SCORE, partial(_votes_in, context, places)
 
 
