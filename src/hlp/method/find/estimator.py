@@ -155,7 +155,7 @@ class PoseEstimator:
     def likely_regions(
         self, context: FrameContext, region: Region, known: bool
     ) -> Iterator[Region]:
-        """Parts of the frame to search where a region gave no right pose; all if one is `known`."""
+        """Where to look if a region gave no right pose: everywhere if one is `known` to be there."""
         radii = self._radii(context.frame, region.centers, self.learnt.models[region.object_id])
         rest = window_choice.likely_regions(region, radii, self.settings.regions.closer_look, known)
         inside = True if context.mask is None else context.mask
