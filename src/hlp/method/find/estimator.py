@@ -155,7 +155,7 @@ class PoseEstimator:
     def likely_regions(
         self, context: FrameContext, region: Region, known: bool
     ) -> Iterator[Region]:
-        """Where to look if a region gave no right pose: everywhere if one is `known` to be there."""
+        """Where to look if a region gave no right pose: everywhere if one is `known` to exist."""
         radii = self._radii(context.frame, region.centers, self.learnt.models[region.object_id])
         rest = window_choice.likely_regions(region, radii, self.settings.regions.closer_look, known)
         inside = True if context.mask is None else context.mask
