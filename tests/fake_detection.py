@@ -129,7 +129,7 @@ class FakeEstimator:
     def score(self, *_: Any) -> float:
         return 1.0
 
-    def likely_regions(self, *_: Any) -> Iterator[Region]:
+    def other_regions(self, *_: Any) -> Iterator[Region]:
         return iter(())
 
     def measure_fit(self, context: Any, object_id: int, pose: np.ndarray) -> PoseFit:

@@ -146,7 +146,7 @@ def test_a_window_beside_a_likelier_one_is_no_place_of_its_own():
     centers = rng.uniform(0, 60, (200, 2))
     region = Region(4, centers, rng.uniform(0, 1, 200), np.zeros((60, 80), dtype=bool))
     radii = rng.uniform(5, 15, 200)
-    rows = likely_places(region, radii, 8)
+    rows = likely_places(region, radii, 8, 0.02)
     assert len(rows) == 8
     expected = []  # one after another, by their definition
     for row in np.argsort(-region.probabilities):
@@ -158,26 +158,26 @@ def test_a_window_beside_a_likelier_one_is_no_place_of_its_own():
 
 def test_improbable_windows_are_no_places():
     region = region_of([(10, 10), (50, 10), (70, 50)], [0.5, 0.01, 0.3])
-    assert likely_places(region, np.full(3, 5.0), 9).tolist() == [0, 2]
+    assert likely_places(region, np.full(3, 5.0), 9, 0.02).tolist() == [0, 2]
     none = region_of([], [])
-    assert likely_places(none, np.zeros(0), 9).tolist() == []
+    assert likely_places(none, np.zeros(0), 9, 0.02).tolist() == []
 
 
 def test_squares_of_a_few_places_at_a_time():
     region = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.3])
     settings = CloserLookSettings(places=3, places_at_once=2, side=1.0)
-    first, second = likely_regions(region, np.full(3, 6.0), settings)
+    first, second = likely_regions(region, np.full(3, 6.0), settings, False, False)
     assert first.object_id == 4 and first.mask.shape == (60, 80)
     y, x = np.nonzero(second.mask)
     assert (x.min(), x.max(), y.min(), y.max()) == (4, 16, 4, 16)
     assert first.mask.sum() == 2 * 169 and first.mask[10, 40] and first.mask[50, 70]
 
 
-@pytest.mark.parametrize(("places", "all_", "found"), [(None, 1, 0), (1, 0, 1), (1, 1, 2)])
-def test_as_many_places_as_asked_for(places, all_, found):
-    region, radii = region_of([(10, 10), (40, 10)], [0.2, 0.4]), np.full(2, 6.0)
-    settings = CloserLookSettings(places=places, places_at_once=1)
-    assert len([*likely_regions(region, radii, settings, all_)]) == found
+def test_as_many_places_as_asked_for():
+    region, radii = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.1]), np.full(3, 6.0)
+    for most, known, all_, found in [(None, 1, 1, 0), (1, 1, 0, 1), (3, 0, 0, 2), (1, 1, 1, 3)]:
+        settings = CloserLookSettings(places=most, places_at_once=1)
+        assert len([*likely_regions(region, radii, settings, known, all_)]) == found
 
 
 def test_of_a_large_region_the_likeliest_windows_come_first():

@@ -135,6 +135,7 @@ def _largest_plane(points: Points) -> tuple[Point, float]:
 
 _COARSE = 4  # px
 _LEAST = 0.02  # p(object): where it is lower, the classifier hardly ever errs
+_LEAST_UNKNOWN = 0.15  # the same where the object may be absent: places take time (D)
 
 
 @dataclass(frozen=True)
@@ -204,14 +205,16 @@ def first_region(
 
 
 def likely_regions(
-    region: Region, radii: Values, settings: CloserLookSettings, everywhere: bool = False
+    region: Region, radii: Values, settings: CloserLookSettings, known: bool, everywhere: bool
 ) -> Iterator[Region]:
-    """Regions of a few places each, the likeliest places first; `everywhere`: as many as there are.
+    """Regions of a few places each, the likeliest places first.
 
-    `radii` are half the object's diameter in pixels, at the depth of each of the region's windows.
+    `known`: the object is in the image, so that less likely places count, too; `everywhere`: there
+    is no limit to their number. `radii` are half the object's diameter in pixels, at the depth of
+    each of the region's windows.
     """
-    most = settings.places or 0
-    rows = likely_places(region, radii, len(radii) if most and everywhere else most)
+    most = len(radii) if everywhere and settings.places else settings.places or 0
+    rows = likely_places(region, radii, most, _LEAST if known else _LEAST_UNKNOWN)
     for start in range(0, len(rows), settings.places_at_once):
         chosen = rows[start : start + settings.places_at_once]
         half_sides = radii[chosen] * settings.side
@@ -219,11 +222,11 @@ def likely_regions(
         yield replace(region, mask=mask)
 
 
-def likely_places(region: Region, radii: Values, most: int) -> Rows:
-    """The region's windows with the highest p(object), none within the radius of a likelier one."""
+def likely_places(region: Region, radii: Values, most: int, least: float) -> Rows:
+    """The likeliest windows with p(object) > `least`, none within the radius of a likelier one."""
     left = region.probabilities.astype(np.float64)
     rows: list[int] = []
-    while len(rows) < most and len(left) and left.max() > _LEAST:
+    while len(rows) < most and len(left) and left.max() > least:
         row = int(left.argmax())
         rows.append(row)
         offsets = np.linalg.norm(region.centers - region.centers[row], axis=1)

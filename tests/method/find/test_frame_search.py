@@ -46,7 +46,7 @@ class Estimator:
     def verifier(self, _):
         return None
 
-    def likely_regions(self, *_):
+    def other_regions(self, *_):
         return iter(())
 
     def has_templates(self, object_id):

@@ -38,7 +38,7 @@ class Looks:
     def has_templates(self, _):
         return False
 
-    def likely_regions(self, _, region, known):
+    def other_regions(self, _, region, __):
         return (region for _ in range(len(self.looks)))
 
     def find_hypotheses(self, _, region):

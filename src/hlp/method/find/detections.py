@@ -254,16 +254,10 @@ def describe_pose(context: FrameContext, object_id: int, pose_cam_obj: Pose) -> 
     """One pose of an object, without a runner-up and in no time."""
     estimator, model = context.estimator, context.estimator.learnt.models[object_id]
     fit = estimator.measure_fit(context, object_id, pose_cam_obj)
+    score = estimator.score(context, object_id, pose_cam_obj)
+    depth, same = fit.residual_mm, pose_cam_obj @ model.symmetries
     return Detection(
-        model.name,
-        estimator.score(context, object_id, pose_cam_obj),
-        pose_cam_obj,
-        fit.visible_fraction,
-        0.0,
-        fit.residual_mm,
-        pose_cam_obj @ model.symmetries,
-        None,
-        fit,
+        model.name, score, pose_cam_obj, fit.visible_fraction, 0.0, depth, same, None, fit
     )
 
 

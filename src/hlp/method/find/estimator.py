@@ -152,14 +152,13 @@ class PoseEstimator:
         side = settings.region.square_side or 0.0  # then centres of windows alone
         return window_choice.first_region(region, radii, side, settings.closer_look, instances)
 
-    def likely_regions(
-        self, context: FrameContext, region: Region, known: bool
-    ) -> Iterator[Region]:
-        """Where to look if a region gave no right pose: everywhere if one is `known` to exist."""
+    def other_regions(self, context: FrameContext, region: Region, known: bool) -> Iterator[Region]:
+        """Where to look if a region gave no right pose: at more if one is `known` to be there."""
         radii = self._radii(context.frame, region.centers, self.learnt.models[region.object_id])
-        rest = window_choice.likely_regions(region, radii, self.settings.regions.closer_look, known)
+        closer, all_ = self.settings.regions.closer_look, not self.has_templates(region.object_id)
+        found = window_choice.likely_regions(region, radii, closer, known, known and all_)
         inside = True if context.mask is None else context.mask
-        parts = (replace(part, mask=part.mask & inside) for part in rest)
+        parts = (replace(part, mask=part.mask & inside) for part in found)
         return (part for part in parts if part.mask.any())
 
     def share_patches(self, context: FrameContext, regions: Iterable[Region]) -> None:

@@ -66,7 +66,7 @@ def find_instances(
 
 
 def _fallback_sources(
-    context: FrameContext, region: Region, known_present: bool
+    context: FrameContext, region: Region, known: bool
 ) -> Iterator[tuple[float, CoarsePoses]]:
     """Further sources of coarse poses, given the missing instances and what is unexplained.
 
@@ -74,9 +74,9 @@ def _fallback_sources(
     templates are asked wherever they are not sure.
     """
     estimator = context.estimator
-    if templates := estimator.has_templates(region.object_id):
+    if estimator.has_templates(region.object_id):
         yield SURE, partial(estimator.match_templates, context, region.object_id)
-    for places in estimator.likely_regions(context, region, known_present and not templates):
+    for places in estimator.other_regions(context, region, known):
         yield MIN_SCORE, partial(_votes_in, context, places)
 
 
