@@ -153,10 +153,11 @@ class PoseEstimator:
         return window_choice.first_region(region, radii, side, settings.closer_look, instances)
 
     def other_regions(self, context: FrameContext, region: Region, known: bool) -> Iterator[Region]:
-        """Where to look if a region gave no right pose: at more if one is `known` to be there."""
+        """Where else to look; at more places if the object is `known` to be in the image."""
         radii = self._radii(context.frame, region.centers, self.learnt.models[region.object_id])
-        closer, all_ = self.settings.regions.closer_look, not self.has_templates(region.object_id)
-        found = window_choice.likely_regions(region, radii, closer, known, known and all_)
+        closer = self.settings.regions.closer_look
+        everywhere = known and not self.has_templates(region.object_id)
+        found = window_choice.likely_regions(region, radii, closer, known, everywhere)
         inside = True if context.mask is None else context.mask
         parts = (replace(part, mask=part.mask & inside) for part in found)
         return (part for part in parts if part.mask.any())
