@@ -27,7 +27,7 @@ def compare_answers(
     frame's number, which an image that is given to a detector does not have. So the run's estimator
     is asked twice: with the number it must find what the run has found, without it what the
     detector finds. A target is known to be there, so that its score in a run is higher than the
-    detector's.
+    detector's, and that it is looked for at more places.
     """
     run = build_run(compose_config(*overrides, "output=out"))
     detection = stages_of(run, StageStore(Path(run.settings.work)))
@@ -39,8 +39,8 @@ def compare_answers(
         frame = run.dataset.frames.load(key)
         counts = dict.fromkeys(run.dataset.instances_to_find(frame), 1)
         of_run, of_image = (
-            search_frame(detection.estimator.prepare(given), counts, by_threads=False)
-            for given in (frame, replace(frame, scene_id=0, frame_id=0))
+            search_frame(detection.estimator.prepare(one), counts, min_score=low, by_threads=False)
+            for one, low in ((frame, None), (replace(frame, scene_id=0, frame_id=0), 0.0))
         )
         image = frame.rgb, frame.depth, frame.camera_matrix
         names = {object_id: run.dataset.models[object_id].name for object_id in counts}
