@@ -1,4 +1,4 @@
-# Only what finds learnt objects, a third of the size:  docker build --target detect -t hlp-detect .
+# Only what finds learnt objects:  docker build --target detect -t hlp-detect .
 FROM python:3.11-slim AS detection_set
 WORKDIR /hlp
 COPY . .

@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from hlp.geometry import inverse, rotation_matrices, transform
-from hlp.refinement import appearance
 from hlp.refinement.appearance import (
     FrameColors,
     _difference_ratios,
@@ -141,13 +139,6 @@ def test_the_ratio_is_that_of_numpy():
         least = ratios.min() if len(ratios) else np.nan
         assert found[s, n] == pytest.approx(least, rel=1e-4, nan_ok=True)
     assert np.isnan(found[:, 3]).all() and np.isfinite(found[:, :3]).all()
-
-
-def test_shares_of_colours_are_those_of_scipys_gaussian():
-    classes = np.random.default_rng(0).integers(0, int(np.prod(appearance._SIZES)), 500)
-    count = np.bincount(classes, minlength=int(np.prod(appearance._SIZES))).astype(float)
-    blurred = gaussian_filter(count.reshape(appearance._SIZES), 0.7, mode="constant", truncate=8.0)
-    np.testing.assert_allclose(appearance._shares(classes), blurred.ravel() / blurred.sum(), 1e-9)
 
 
 def test_symmetries_lead_to_samples_of_the_same_place():

@@ -143,12 +143,11 @@ def _near(mask: Bool[np.ndarray, "h w"], distance: int) -> Bool[np.ndarray, "h w
 
 def _shares(classes: Int64[np.ndarray, "n"]) -> Shares:
     """How often each class is among pixels; those next to it count in part."""
-    shares = np.bincount(classes.ravel(), minlength=int(np.prod(_SIZES))).reshape(_SIZES)
-    for axis, size in enumerate(_SIZES):
-        away = np.subtract.outer(np.arange(size), np.arange(size)) / _BLUR
-        near = np.exp(-0.5 * np.square(away))  # a Gaussian
-        shares = np.moveaxis(np.tensordot(near, shares, (1, axis)), 0, axis)
-    return np.asarray(shares.ravel() / max(float(shares.sum()), 1.0))
+    from scipy.ndimage import gaussian_filter  # heavy, and only bins with such parts need it
+
+    count = np.bincount(classes.ravel(), minlength=int(np.prod(_SIZES))).astype(np.float64)
+    shares = gaussian_filter(count.reshape(_SIZES), _BLUR, mode="constant").ravel()
+    return np.asarray(shares / max(float(shares.sum()), 1.0))
 
 
 def _opponent(colors: UInt8[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:

@@ -83,8 +83,7 @@ class ScoreModel(Stored):
         def raised(more: float) -> list[float]:
             return [self._probability(fit, more=more) for fit in fits]
 
-        odds = [share / (1.0 - share) for share in (PRESENT_SHARE, RIGHT_SHARE)]
-        highest = float(np.log(odds[0]) - np.log(odds[1]))
+        highest = _logit(PRESENT_SHARE) - _logit(RIGHT_SHARE)
         if not self.colorless or not fits or fmean(raised(highest)) <= FOUND_SHARE:
             return raised(highest)
         if fmean(raised(0.0)) >= FOUND_SHARE:
@@ -172,6 +171,10 @@ def load_score_model(folder: Path) -> ScoreModel:
         return read_as(folder / _FILE, ScoreModel)
     except (DataError, MissingFileError) as error:
         raise type(error)(f"{error}: learn the object again") from error
+
+
+def _logit(share: float) -> float:
+    return float(np.log(share / (1.0 - share)))
 
 
 def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:
