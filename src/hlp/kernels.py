@@ -93,7 +93,7 @@ class _Kernel:
 
 @cache
 def _say_that_it_compiles() -> None:
-    _logger.info("compiling for this machine, which is done once: about 20 s of computing")
+    _logger.info("compiling for this machine, which is done once: about 15 s of computing")
 
 
 @cache

@@ -254,7 +254,8 @@ def update_personal_bests(
     for n in range(len(position)):
         if cost[n] < personal_best_cost[n]:
             personal_best_cost[n] = cost[n]
-            personal_best[n] = position[n]
+            for d in range(6):
+                personal_best[n, d] = position[n, d]
         if personal_best_cost[n] < personal_best_cost[best]:
             best = n
     return best

@@ -63,9 +63,10 @@ def sum_evidence(
         left, columns, top, rows, stride = _sampling_grid(corners, depth.shape, size)
         if columns <= 0 or rows <= 0:
             continue
-        sampled[0] = (corners[0] - left) / stride
-        sampled[1] = (corners[1] - top) / stride
-        sampled[2] = corners[2]
+        for v in range(len(corners[0])):
+            sampled[0, v] = (corners[0, v] - left) / stride
+            sampled[1, v] = (corners[1, v] - top) / stride
+            sampled[2, v] = corners[2, v]
         inverse = framed_buffer(rows, columns)
         seen = np.empty(inverse.shape, dtype=np.int32)
         draw_triangles(sampled, mesh, inverse, seen)

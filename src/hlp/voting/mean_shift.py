@@ -109,11 +109,16 @@ def shift_modes(
             _sum_agreeing(votes, means[s], sums)
             if sums[7] <= 0.0:
                 j = _nearest(positions, means[s])
-                sums[:3], sums[3:7], sums[7] = positions[:, j], quats[:, j], 1.0
-                sums *= weights[j]
+                for k in range(7):
+                    sums[k] = (positions[k, j] if k < 3 else quats[k - 3, j]) * weights[j]
+                sums[7] = weights[j]
             if shift < steps:
-                means[s, :3] = sums[:3] / max(sums[7], 1e-12)
-                means[s, 3:] = sums[3:7] / max(np.sqrt((sums[3:7] ** 2).sum()), 1e-12)
+                squared = 0.0
+                for k in range(3, 7):
+                    squared += sums[k] * sums[k]
+                for k in range(7):
+                    length = sums[7] if k < 3 else np.sqrt(squared)
+                    means[s, k] = sums[k] / max(length, 1e-12)
         mode_support[s] = sums[7]
 
 
