@@ -6,11 +6,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from frame_files import write_camera, write_image
+from hlp import Detector
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from table_text import csv_rows
-from tiny_method import write_meshes
+from tiny_method import tiny_method, write_meshes
 from wheel_folder import CHECKOUT, WheelFolder, install_wheel
 
 GIVEN = ("rgb=rgb", "depth=depth", "intrinsics=camera.json", "min_score=0")
@@ -46,8 +48,20 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> tuple[WheelFolder, st
     return wheel, python
 
 
+@pytest.fixture(params=["coloured", "colourless"])
+def objects(request, learnt, tmp_path) -> Path:
+    """Learnt objects with colours, or one without: that is looked for by templates, too."""
+    if request.param == "coloured":
+        return learnt
+    ((name, path),) = write_meshes(tmp_path, "can").items()
+    mesh = trimesh.load(path)
+    trimesh.Trimesh(mesh.vertices, mesh.faces).export(path)
+    Detector.learn({name: path}, tmp_path / "grey", settings=tiny_method())
+    return tmp_path / "grey"
+
+
 @pytest.mark.slow
-def test_objects_are_found_with_it_alone_as_with_everything(installed, learnt, tmp_path):
+def test_objects_are_found_with_it_alone_as_with_everything(installed, objects, tmp_path):
     wheel, python = installed
     scenes = SyntheticScenes(SyntheticSettings(width=320, height=240, objects=(5, 5)))
     for key in scenes.keys[:2]:
@@ -57,7 +71,7 @@ def test_objects_are_found_with_it_alone_as_with_everything(installed, learnt, t
     found = {}
     for name in (python, sys.executable):
         output = tmp_path / name.strip("/").replace("/", "-")
-        call = [name, "-m", "hlp", "predict", f"learnt={learnt}", *GIVEN, f"output={output}"]
+        call = [name, "-m", "hlp", "predict", f"learnt={objects}", *GIVEN, f"output={output}"]
         done = subprocess.run(
             call, cwd=wheel.place, env=wheel.variables, capture_output=True, text=True, check=False
         )

@@ -1,13 +1,14 @@
 """Bins in the scenes of score calibration."""
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid, transform
-from hlp.method.learn.calibration_bins import bin_walls, copies, resting_plane, with_random_color
+from hlp.method.learn.calibration_bins import bin_walls, copies, lying, with_random_color
 from hlp.records import ObjectModel
 from refinement_scene import as_mesh
 
@@ -18,12 +19,10 @@ def plate():
 
 
 def random_case(model, rng):
-    """A random pose, and a plane that the object then lies on."""
+    """A pose in which the object lies on a plane."""
     rotation = Rotation.random(random_state=rng).as_matrix()
     pose = rigid(rotation, np.array([0.1, -0.05, 0.7]) - rotation @ model.centroid)
-    plane = resting_plane(model, pose, rng)
-    assert plane is not None
-    return pose, plane
+    return lying(model, pose, rng)
 
 
 def test_a_plate_lies_on_a_face_mostly_on_a_large_one():
@@ -38,18 +37,47 @@ def test_a_plate_lies_on_a_face_mostly_on_a_large_one():
     assert flat > 40
 
 
-def test_more_of_the_object_lie_beside_it_and_walls_around_it():
+def test_it_is_turned_to_a_side_that_was_seen_and_stays_where_it_was():
+    model, rng = plate(), np.random.default_rng(3)
+    for _ in range(60):
+        rotation = Rotation.random(random_state=rng).as_matrix()
+        before = rigid(rotation, np.array([0.1, -0.05, 0.7]) - rotation @ model.centroid)
+        pose, (normal, _) = lying(model, before, rng)
+        assert np.allclose(transform(pose, model.centroid[None]), [0.1, -0.05, 0.7])
+        sides = pose[:3, :3].T @ normal
+        axis = np.abs(sides).argmax()
+        assert np.isclose(abs(sides[axis]), 1.0)
+        assert sides[axis] * (before[:3, axis] @ [-0.1, 0.05, -0.7]) > 0.0
+
+
+def gap(model, first, second):
+    """The widest gap beside the first box's sides, of their size; negative where they overlap."""
+    size = np.ptp(model.mesh.vertices, axis=0)
+    corners = transform(np.linalg.inv(first) @ second, model.mesh.vertices) / size
+    return np.maximum(corners.min(axis=0), -corners.max(axis=0)).max() - 0.5
+
+
+def test_more_of_the_object_lie_beside_it_packed_or_apart():
+    model, rng = plate(), np.random.default_rng(1)
+    packed = 0
+    for _ in range(40):
+        pose, plane = random_case(model, rng)
+        others = copies(model.mesh, model, pose, plane, rng)
+        for mesh, at in others:
+            assert abs((transform(at, mesh.vertices) @ plane[0] - plane[1]).min()) < 1e-9
+        poses = [pose, *(at for _, at in others)]
+        for first, second in permutations(poses, 2):
+            assert max(gap(model, first, second), gap(model, second, first)) > -0.1
+        near = [np.linalg.norm(at[:3, 3] - pose[:3, 3]) for at in poses[1:]]
+        packed += min(near, default=1.0) < 0.99 * model.diameter
+    assert 10 < packed < 35
+
+
+def test_walls_stand_around_it():
     model, rng = plate(), np.random.default_rng(1)
     for _ in range(20):
         pose, plane = random_case(model, rng)
         center = transform(pose, model.centroid[None])[0]
-        others = copies(model.mesh, model, pose, plane, rng)
-        places = [center, *(transform(at, model.centroid[None])[0] for _, at in others)]
-        apart = [np.linalg.norm(a - b) for i, a in enumerate(places) for b in places[:i]]
-        assert min(apart, default=1.0) >= 0.69 * model.diameter
-        for mesh, at in others:
-            heights = transform(at, mesh.vertices) @ plane[0] - plane[1]
-            assert abs(heights.min()) < 1e-9
         walls = bin_walls(model, center, plane, rng)
         assert len(walls) == 4
         for mesh, at in walls:

@@ -19,6 +19,11 @@ from hlp.refinement.verification import Observation
 
 CoarsePoses = Callable[[int, Observation | None], Hypotheses]
 """Coarse poses for a number of missing instances, given what is unexplained."""
+_AT_PLACES = 4
+"""Hypotheses refined for an instance after the first look: later ones are rarely right (D).
+
+Votes for parts without colours rank worse, so those keep as many as in the first look.
+"""
 _TRIED = 3
 """Instances that are refined at once where their number is not known (D)."""
 _LIKELY = 0.3
@@ -114,17 +119,13 @@ class Attempts:
             chosen = row in found.instances
             self._answers.append(_Answer(self._score(pose), start + row, pose, chosen))
 
-    def search_further(
-        self, coarse_poses: CoarsePoses, known: Sequence[Pose], candidates: int | None = None
-    ) -> None:
-        """Refine coarse poses of the missing instances, in what the `known` ones leave.
-
-        At most `candidates` for each; None: as many as in the first look.
-        """
+    def search_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
+        """Refine coarse poses of the missing instances, in what the `known` ones leave."""
         rest = Unexplained(self._context, self._unexplained)
         for pose in known:
             rest.take(self._object_id, pose)
         missing, enough = self._instances - len(known), self._min_score
+        candidates = None if self._colorless else _AT_PLACES
         coarse = coarse_poses(missing, rest.left)
         if self._colorless and enough is not None:
             # What looks best may be the bin: some more are tried, whatever the score of the first.

@@ -19,12 +19,6 @@ Found = dict[int, RefinedHypotheses | None]
 SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
 """Searches an object once more in the pixels that others leave."""
 
-_AT_PLACES = 4
-"""Hypotheses refined for an instance at likely places: later ones are rarely right (D).
-
-Votes for parts without colours rank worse, so those keep as many as in the first look.
-"""
-
 
 def find_instances(
     context: FrameContext,
@@ -51,13 +45,12 @@ def find_instances(
     attempts = Attempts(context, object_id, instances, unexplained, min_score)
     attempts.add(first)
     attempts.search_neighbours()
-    at_places = None if estimator.has_templates(object_id) else _AT_PLACES
     for enough, coarse_poses in _fallback_sources(context, region, min_score is None):
         # A low min_score asks for improbable poses too; it must not skip the fallback.
         right = attempts.poses(max(enough, min_score or 0))
         if len(right) >= instances or (right and min_score is not None and enough < SURE):
             break
-        attempts.search_further(coarse_poses, right, at_places)
+        attempts.search_further(coarse_poses, right)
         attempts.search_neighbours()
         if enough == SURE and min_score is not None:
             attempts.search_rest(coarse_poses, right)

@@ -3,8 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
-from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from hlp.arrays import Pose, Vector
@@ -15,8 +13,10 @@ from hlp.records import Mesh, ObjectModel
 _ROOM = (0.8, 3.0)  # from the middle to a wall, in diameters
 _HEIGHT = (0.2, 1.0)  # of a wall, in diameters
 _THICK = 0.02  # m
-_COPIES = (1, 6)
-_FACING = 0.3  # cosine between a plane's normal and the line of sight, at least
+_IN_ROW, _LACKING = 4, 0.15  # copies in a row, at most; share of places that are empty
+_PACKED = 0.6  # share of scenes with copies that touch
+_CLOSE, _APART = 0.04, 0.5  # gap beside packed copies and others, at most, of their size
+_TILT = 0.3  # rad, standard deviation about each axis
 
 Plane = tuple[Vector, float]
 """Normal n, which faces the camera, and offset d: the points with n·x = d (m)."""
@@ -27,24 +27,22 @@ def center_of(model: ObjectModel, pose: Pose) -> Vector:
     return np.asarray(transform(pose, model.centroid[None])[0])
 
 
-def resting_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> Plane | None:
-    """A plane that the object lies on with a large face of its hull, where one faces the camera."""
-    points = np.asarray(model.proxy.vertices, dtype=np.float64)
-    try:
-        hull = ConvexHull(points)
-    except QhullError:  # it is flat
-        return None
-    corners = points[hull.simplices]
-    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    up = -hull.equations[:, :3] @ pose[:3, :3].T
-    center = center_of(model, pose)
-    likely = np.linalg.norm(sides, axis=1) * (up @ -center > _FACING * np.linalg.norm(center))
-    # Triangles of one face are many: all that point the same way count.
-    areas = (up @ up.T > 1.0 - 1e-4) @ likely * (likely > 0.0)
-    if not areas.any():
-        return None
-    normal = up[rng.choice(len(areas), p=areas**2 / np.sum(areas**2))]
-    return normal, float((transform(pose, points) @ normal).min())
+def lying(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> tuple[Pose, Plane]:
+    """The pose, turned until a side of the object's box faces the camera; the plane it lies on.
+
+    It is one of the sides that are seen at `pose`, a large one rather than a small one.
+    """
+    center, (x, y, z) = center_of(model, pose), np.ptp(model.proxy.vertices, axis=0)
+    view = -center / np.linalg.norm(center)
+    up = Rotation.from_rotvec(rng.normal(0.0, _TILT, 3)).apply(view)
+    areas = np.array([y * z, x * z, x * y])
+    axis = int(rng.choice(3, p=areas / areas.sum()))
+    side = pose[:3, axis] * np.copysign(1.0, pose[:3, axis] @ view)
+    turn, _ = Rotation.align_vectors(up[None], side[None])
+    rotation = turn.as_matrix() @ pose[:3, :3]
+    pose = rigid(rotation, center - rotation @ model.centroid)
+    points = transform(pose, np.asarray(model.proxy.vertices, dtype=np.float64))
+    return pose, (up, float((points @ up).min()))
 
 
 def bin_walls(
@@ -52,7 +50,9 @@ def bin_walls(
 ) -> list[tuple[Mesh, Pose]]:
     """Four walls of one colour that stand on the plane around a place."""
     normal, offset = plane
-    frame = _upright(normal, rng)
+    along = np.cross(normal, rng.normal(size=3))
+    along /= np.linalg.norm(along)
+    frame = np.stack([along, np.cross(normal, along), normal], axis=1)
     floor = center + (offset - center @ normal) * normal
     height = model.diameter * rng.uniform(*_HEIGHT)
     color = rng.uniform(10, 240, 3).astype(np.uint8)
@@ -64,16 +64,24 @@ def bin_walls(
 def copies(
     mesh: Mesh, model: ObjectModel, pose: Pose, plane: Plane, rng: np.random.Generator
 ) -> list[tuple[Mesh, Pose]]:
-    """The object some more times on the plane, turned about its normal, beside the first one."""
-    normal, center, found = plane[0], center_of(model, pose), [(mesh, pose)]
-    for _ in range(int(rng.integers(_COPIES[0], _COPIES[1] + 1))):
-        turn = Rotation.from_rotvec(normal * rng.uniform(0.0, 2.0 * np.pi)).as_matrix()
-        away = _upright(normal, rng)[:, 0] * model.diameter * rng.uniform(0.7, 2.0)
-        apart = [np.linalg.norm(center + away - center_of(model, other)) for _, other in found]
-        if min(apart) >= 0.7 * model.diameter:
-            moved = turn @ pose[:3, :3]
-            found.append((mesh, rigid(moved, center + away - moved @ model.centroid)))
-    return found[1:]
+    """The object some more times on the plane: packed in rows, or apart, each turned at random."""
+    rotation, center, found = pose[:3, :3], center_of(model, pose), []
+    along = np.argsort(np.abs(rotation.T @ plane[0]))[:2]  # the model's axes in the plane
+    sizes, gap, turn = np.full(2, model.diameter), _APART, np.pi
+    if rng.random() < _PACKED:
+        sizes, gap = np.ptp(mesh.vertices, axis=0)[along], _CLOSE
+        turn = gap * float(sizes.min() / sizes.max())
+    pitch = sizes * (1.0 + rng.uniform(0.0, gap, 2))
+    counts = rng.integers(1, _IN_ROW, 2, endpoint=True)
+    own = rng.integers(0, counts)
+    for place in np.ndindex(*counts):
+        steps = np.array(place) - own
+        if not steps.any() or rng.random() < _LACKING:
+            continue
+        away = rotation[:, along] @ (steps * pitch)
+        turned = Rotation.from_rotvec(plane[0] * rng.uniform(-turn, turn)).as_matrix() @ rotation
+        found.append((mesh, rigid(turned, center + away - turned @ model.centroid)))
+    return found
 
 
 def with_random_color(mesh: Mesh, rng: np.random.Generator) -> Mesh:
@@ -82,10 +90,3 @@ def with_random_color(mesh: Mesh, rng: np.random.Generator) -> Mesh:
         return mesh
     color = np.clip(rng.uniform(10, 230) + rng.normal(0.0, 45.0, 3), 5, 250)
     return replace(mesh, colors=np.full_like(mesh.colors, color.astype(np.uint8)))
-
-
-def _upright(normal: Vector, rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
-    """Axes of which the third is the normal, turned about it at random."""
-    first = np.cross(normal, rng.normal(size=3))
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first), normal], axis=1)

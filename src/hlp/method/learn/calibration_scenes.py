@@ -1,9 +1,10 @@
 """Rendered RGB-D scenes with and without an object, on which the score of its poses is calibrated.
 
-The object stands on a plane (one without colours may lie in a bin, with more of it) or hangs in the
-air, in any pose that its views show, among shapes of its size. Some of them hide part of it; some
-are the object itself, stretched. What a CAD model does not tell is drawn at random: light, colours,
-registration of the images, errors of the sensor and of the model's size.
+The object stands on a plane or hangs in the air, in any pose that its views show, among shapes of
+its size. Some of them hide part of it; some are the object itself, stretched. One without colours
+often lies on a side and is seen from above, with more of it, packed or apart, and in a bin. What a
+CAD model does not tell is drawn at random: light, colours, registration of the images, errors of
+the sensor and of the model's size.
 """
 
 from collections.abc import Sequence
@@ -15,14 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from hlp.arrays import CameraMatrix, Image, Mask, Pose, Rgb
 from hlp.geometry import back_project, rigid, transform
-from hlp.method.learn.calibration_bins import (
-    Plane,
-    bin_walls,
-    center_of,
-    copies,
-    resting_plane,
-    with_random_color,
-)
+from hlp.method.learn import calibration_bins as bins
 from hlp.objects.shapes import CUBE, hull_mesh
 from hlp.patches.backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
@@ -91,17 +85,17 @@ def _random_scene(
         )
     pose = _random_pose(model, views, camera_matrix, shape, rng)
     in_bins = not model.mesh.colored
-    lying_on = resting_plane(model, pose, rng) if in_bins and number % _LYING == 0 else None
-    plane = lying_on or _random_plane(model, pose, rng)
+    plane, lies = _random_plane(model, pose, rng), in_bins and number % _LYING == 0
+    if lies:
+        pose, plane = bins.lying(model, pose, rng)
     parts = _things(model, pose, plane, rng) + _occluders(model, pose, rng)
     own: Parts = []
     if present:
-        mesh = with_random_color(_inexact(model, rng), rng)
-        same = [] if lying_on is None else copies(mesh, model, pose, lying_on, rng)
-        own = [(mesh, pose), *same]
+        mesh = bins.with_random_color(_inexact(model, rng), rng)
+        own = [(mesh, pose), *(bins.copies(mesh, model, pose, plane, rng) if lies else [])]
     parts = [*own, *parts]
     if in_bins and behind is None and number % _BINS == 0:
-        parts += bin_walls(model, center_of(model, pose), plane, rng)
+        parts += bins.bin_walls(model, bins.center_of(model, pose), plane, rng)
     rgb, depth, index = render_scene(parts, camera_matrix, shape, random_light(rng))
     if behind is None:
         behind = _draw_plane(plane, camera_matrix, shape, rng)
@@ -140,9 +134,9 @@ def _random_pose(
     return rigid(rotation, center - rotation @ model.centroid)
 
 
-def _random_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> Plane:
+def _random_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> bins.Plane:
     """A plane facing the camera that the object touches or hangs above."""
-    center = center_of(model, pose)
+    center = bins.center_of(model, pose)
     toward_camera = -center / np.linalg.norm(center)
     while True:
         normal = Rotation.from_rotvec(rng.normal(0.0, 0.7, 3)).apply(toward_camera)
@@ -153,9 +147,9 @@ def _random_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> P
     return normal, float((points @ normal).min() - gap)
 
 
-def _things(model: ObjectModel, pose: Pose, plane: Plane, rng: np.random.Generator) -> Parts:
+def _things(model: ObjectModel, pose: Pose, plane: bins.Plane, rng: np.random.Generator) -> Parts:
     """Shapes that stand on the plane around the object's place."""
-    (normal, offset), center, parts = plane, center_of(model, pose), []
+    (normal, offset), center, parts = plane, bins.center_of(model, pose), []
     for _ in range(int(rng.integers(_THINGS[0], _THINGS[1] + 1))):
         mesh = _random_thing(model, rng)
         turn = Rotation.random(random_state=rng).as_matrix()
@@ -170,7 +164,7 @@ def _things(model: ObjectModel, pose: Pose, plane: Plane, rng: np.random.Generat
 
 def _occluders(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> Parts:
     """None, one or two shapes in front of a part of the object's place."""
-    center, parts = center_of(model, pose), []
+    center, parts = bins.center_of(model, pose), []
     for _ in range(int(rng.choice([0, 1, 2], p=[0.65, 0.3, 0.05]))):
         mesh = _random_thing(model, rng)
         size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))) / 2
@@ -222,7 +216,7 @@ def _inexact(model: ObjectModel, rng: np.random.Generator) -> Mesh:
 
 
 def _draw_plane(
-    plane: Plane, camera_matrix: CameraMatrix, shape: tuple[int, int], rng: np.random.Generator
+    plane: bins.Plane, camera_matrix: CameraMatrix, shape: tuple[int, int], rng: np.random.Generator
 ) -> Images:
     """The plane, and a wall where the plane is farther away than that."""
     (normal, offset), (height, width) = plane, shape
@@ -260,7 +254,5 @@ def _sensed(rgb: Rgb, depth: Image, focal: float, rng: np.random.Generator) -> I
 
 def _near_jumps(depth: Image, radius: int) -> Mask:
     """Pixels up to `radius` px from one side of a jump in depth; none for a radius of 0."""
-    if radius == 0:
-        return np.zeros(depth.shape, dtype=bool)
     window = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     return np.asarray(cv2.dilate(depth, window) - cv2.erode(depth, window) > _JUMP * depth)
