@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 SINGLE, INTEGER = ".onnx", ".int8.onnx"
+# Numbers of images vary: cuDNN's default search, for each of them, takes longer than the networks.
+_OPTIONS = {"cpu": {}, "cuda": {"cudnn_conv_algo_search": "HEURISTIC"}}
 _PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 
 
@@ -56,7 +58,9 @@ class Network:
             InvalidProtobuf,
         )
 
-        provider = _PROVIDERS[self._device]
+        if self._device != "cpu":
+            onnxruntime.preload_dlls()  # CUDA's libraries, where pip has installed them
+        provider, special = _PROVIDERS[self._device], _OPTIONS[self._device]
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
@@ -67,7 +71,9 @@ class Network:
             options.add_session_config_entry("session.x64quantprecision", "1")
         options.log_severity_level = 3
         try:
-            session = onnxruntime.InferenceSession(self._content, options, providers=[provider])
+            session = onnxruntime.InferenceSession(
+                self._content, options, providers=[provider], provider_options=[special]
+            )
         except (InvalidProtobuf, InvalidGraph, InvalidArgument, Fail) as error:
             raise DataError(
                 f"{self._path} is damaged ({error}): train again, or copy it anew"
