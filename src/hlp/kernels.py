@@ -34,13 +34,13 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
 
     `options` are numba's, which is imported when a kernel is used for the first time.
 
-    Numba itself reuses a cached kernel as long as the kernel's own file has the same date and size.
-    It misses edits of other files whose kernels are called or inlined, and edits with an old date,
-    as after a checkout. Here a cached kernel is reused only if the source of its module and of all
-    that it imports is unchanged.
+    Numba reuses a cached kernel as long as the kernel's own file has the same date and size: it
+    misses edits of other files whose kernels are called or inlined, and edits with an old date.
+    Here the source of its module and of all that it imports must be unchanged.
 
     Kernels lie in `NUMBA_CACHE_DIR`, or else in the user's cache folder. Where that cannot be
-    written, every process compiles them again. The package's own folder is never written.
+    written, every process compiles them again. The package's own folder is never written. Kernels
+    fill rows by loops: to put arrays into slices, numba compiles checks of shapes, 2 s.
     """
 
     def compile_later(function: Function) -> Function:
