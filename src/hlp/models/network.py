@@ -58,7 +58,7 @@ class Network:
             InvalidProtobuf,
         )
 
-        if self._device != "cpu":
+        if self._device != "cpu" and hasattr(onnxruntime, "preload_dlls"):  # since 1.21
             onnxruntime.preload_dlls()  # CUDA's libraries, where pip has installed them
         provider, special = _PROVIDERS[self._device], _OPTIONS[self._device]
         options = onnxruntime.SessionOptions()
