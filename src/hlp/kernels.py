@@ -40,7 +40,7 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
 
     Kernels lie in `NUMBA_CACHE_DIR`, or else in the user's cache folder. Where that cannot be
     written, every process compiles them again. The package's own folder is never written. Kernels
-    fill rows by loops: to put arrays into slices, numba compiles checks of shapes, 2 s.
+    fill rows by loops: to put arrays into slices, numba compiles checks of shapes for long.
     """
 
     def compile_later(function: Function) -> Function:

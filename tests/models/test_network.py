@@ -93,7 +93,7 @@ def test_a_device_that_onnx_runtime_lacks_is_named(monkeypatch):
 
 def test_a_device_that_does_not_work_is_not_replaced_by_the_cpu(stem, monkeypatch):
     """ONNX Runtime goes on without a word where the libraries of a device do not load."""
-    monkeypatch.setitem(network._PROVIDERS, "cuda", "AzureExecutionProvider")
+    monkeypatch.setitem(network._PROVIDERS, "cuda", ("AzureExecutionProvider", {}))
     monkeypatch.setattr(
         "onnxruntime.InferenceSession.get_providers", lambda _: ["CPUExecutionProvider"]
     )

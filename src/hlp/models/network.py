@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 SINGLE, INTEGER = ".onnx", ".int8.onnx"
 # Numbers of images vary: cuDNN's default search, for each of them, takes longer than the networks.
-_OPTIONS = {"cpu": {}, "cuda": {"cudnn_conv_algo_search": "HEURISTIC"}}
-_PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
+_CUDA = {"cudnn_conv_algo_search": "HEURISTIC"}
+_PROVIDERS = {"cpu": ("CPUExecutionProvider", {}), "cuda": ("CUDAExecutionProvider", _CUDA)}
 
 
 class Network:
@@ -60,7 +60,7 @@ class Network:
 
         if self._device != "cpu" and hasattr(onnxruntime, "preload_dlls"):  # since 1.21
             onnxruntime.preload_dlls()  # CUDA's libraries, where pip has installed them
-        provider, special = _PROVIDERS[self._device], _OPTIONS[self._device]
+        provider = _PROVIDERS[self._device]
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
@@ -71,14 +71,12 @@ class Network:
             options.add_session_config_entry("session.x64quantprecision", "1")
         options.log_severity_level = 3
         try:
-            session = onnxruntime.InferenceSession(
-                self._content, options, providers=[provider], provider_options=[special]
-            )
+            session = onnxruntime.InferenceSession(self._content, options, providers=[provider])
         except (InvalidProtobuf, InvalidGraph, InvalidArgument, Fail) as error:
             raise DataError(
                 f"{self._path} is damaged ({error}): train again, or copy it anew"
             ) from error
-        if session.get_providers()[0] != provider:
+        if session.get_providers()[0] != provider[0]:
             # It would go on on the CPU, which the results' fingerprint would not say.
             raise MissingDependencyError(
                 f"machine.device is {self._device}, but ONNX Runtime cannot use it: its CUDA "
@@ -106,7 +104,7 @@ def require_device(device: str) -> None:
     """Raise MissingDependencyError if the installed ONNX Runtime does not support the device."""
     import onnxruntime
 
-    if _PROVIDERS[device] not in onnxruntime.get_available_providers():
+    if _PROVIDERS[device][0] not in onnxruntime.get_available_providers():
         raise MissingDependencyError(
             f"machine.device is {device}: the installed ONNX Runtime does not support it. "
             "Install onnxruntime-gpu in place of onnxruntime, or set machine.device to cpu"

@@ -41,8 +41,7 @@ def lying(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> tuple[Pos
     turn, _ = Rotation.align_vectors(up[None], side[None])
     rotation = turn.as_matrix() @ pose[:3, :3]
     pose = rigid(rotation, center - rotation @ model.centroid)
-    points = transform(pose, np.asarray(model.proxy.vertices, dtype=np.float64))
-    return pose, (up, float((points @ up).min()))
+    return pose, (up, float((transform(pose, model.proxy.vertices) @ up).min()))
 
 
 def bin_walls(
