@@ -1,14 +1,20 @@
-"""Metadata that needs the repository's address: links, and README with its pictures.
+"""What building a wheel adds: links and pictures of README, and compiled kernels.
 
 Package indexes show README without the files beside it. Where HLP_REPOSITORY names the address
 (https://HOST/OWNER/NAME), README's links and pictures lead there; otherwise it stays as it is.
+
+Where HLP_COMPILE is set, the wheel holds the kernels of this system as machine code.
 """
 
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 _PICTURES = (".jpg", ".png", ".svg", ".webp")
@@ -43,3 +49,33 @@ def with_addresses(text: str, repository: str) -> str:
         return f"{found[1]}{repository}/{kind}/HEAD/{found[2]}{found[3]}"
 
     return _TARGET.sub(absolute, text)
+
+
+class CompiledKernels(BuildHookInterface):
+    """Called by hatchling around the building of a wheel."""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether kernels are to be compiled."""
+        return bool(os.environ.get("HLP_COMPILE"))
+
+    def dependencies(self) -> list[str]:
+        """What compiling needs beside hatchling: pip puts it where it builds."""
+        if not self.wanted:
+            return []
+        listed = Path(self.root, "requirements-detect.txt").read_text(encoding="utf-8")
+        names = {"numba", *re.findall(r"^[\w-]+", listed, re.MULTILINE)}
+        stated = self.metadata.core.dependencies
+        return ["setuptools", *(each for each in stated if re.split(r"[^\w-]", each)[0] in names)]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile, unless a checkout is installed in place, whose sources may change."""
+        if not self.wanted or version == "editable":
+            return
+        self._folder = TemporaryDirectory()
+        compiling = [sys.executable, "-m", "hlp.compile_kernels", self._folder.name]
+        places = {**os.environ, "PYTHONPATH": str(Path(self.root, "src"))}
+        subprocess.run(compiling, check=True, env=places)  # noqa: S603
+        for path in Path(self._folder.name).iterdir():
+            build_data["force_include"][str(path)] = f"hlp/{path.name}"
+        build_data.update(pure_python=False, infer_tag=True)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Int8
 
 from hlp.arrays import Rgb
-from hlp.kernels import compiled
+from hlp.kernels import compiled_ahead
 
 STEPS = 16
 """Directions that are told apart, of half a turn: 0 is that of x, and they turn towards y."""
@@ -40,7 +40,7 @@ def edges(image: Float32[np.ndarray, "h w c"], least: float) -> Int8[np.ndarray,
     return found
 
 
-@compiled(error_model="numpy")
+@compiled_ahead(error_model="numpy")
 def _gradients(
     image: Float32[np.ndarray, "h w c"],
     least: np.float32,
@@ -69,7 +69,7 @@ def _gradients(
                 direction[y, x] = int(np.floor(turn + np.float32(0.5))) % STEPS
 
 
-@compiled()
+@compiled_ahead()
 def _thin(
     strength: Float32[np.ndarray, "h w"],
     direction: Int8[np.ndarray, "h w"],

@@ -1,31 +1,29 @@
-"""Kernels compiled by numba, and the threads that they, BLAS and OpenCV take.
+"""Kernels compiled by numba: when they are first used, or before (`compile_kernels`).
 
 A kernel is compiled again when any source behind it has changed. It releases the GIL, so that a
-`ThreadTeam`, in which the caller also works, runs several at once.
+`threads.ThreadTeam` runs several at once.
 """
 
 import logging
 import os
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache, update_wrapper
-from itertools import pairwise
+from functools import cache, cached_property, update_wrapper
+from importlib import import_module
 from pathlib import Path
 from threading import Lock
-from typing import Any, TypeVar, cast
+from types import ModuleType
+from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 import cv2
 import numpy as np
 import platformdirs
-import threadpoolctl
-from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from hlp.fingerprints import source_digest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _logger = logging.getLogger(__name__)
+_AVX2 = (9, 11, 12)  # OpenCV's numbers of FP16, AVX2 and FMA3
 _lock = Lock()  # numba's folder is a setting of the whole process
 
 
@@ -45,6 +43,20 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
 
     def compile_later(function: Function) -> Function:
         return cast(Function, _Kernel(function, options))
+
+    return compile_later
+
+
+def compiled_ahead(**options: Any) -> Callable[[Function], Function]:
+    """Decorator of a kernel that finding objects calls: of the types of its annotations alone.
+
+    Otherwise as `compiled`, but a wheel may hold its machine code, which needs neither numba nor
+    time (`compile_kernels`). Arrays must be contiguous; `Float` without a width is float64, `Int`
+    int64. With other arrays, calling it raises TypeError, compiled ahead or not.
+    """
+
+    def compile_later(function: Function) -> Function:
+        return cast(Function, AheadKernel(function, options))
 
     return compile_later
 
@@ -89,6 +101,77 @@ class _Kernel:
             if not kept._cache_file._load_index():
                 _say_that_it_compiles()
         return kernel
+
+
+class AheadKernel(_Kernel):
+    """A kernel that may have been compiled ahead; see `compiled_ahead`."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        """What the function returns. Raises TypeError, see `compiled_ahead`."""
+        given = [(array.dtype, array.ndim) for array in _contiguous(arguments)]
+        if given != self._expected:
+            raise TypeError(f"{self.symbol} takes {self._expected}, contiguous, and not {given}")
+        ahead = self._ahead
+        return self._dispatcher(*arguments) if ahead is None else ahead(arguments)
+
+    @property
+    def symbol(self) -> str:
+        """Its name among those of all modules."""
+        return f"{self.__module__}.{self.__name__}".replace(".", "_")
+
+    @cached_property
+    def hints(self) -> list[Any]:
+        """The types of its arguments, as annotated."""
+        return [hint for name, hint in get_type_hints(self._function).items() if name != "return"]
+
+    @cached_property
+    def _expected(self) -> list[tuple[np.dtype, int]]:
+        return [*_arrays(self.hints)]
+
+    @cached_property
+    def _ahead(self) -> Callable[[tuple[Any, ...]], Any] | None:
+        extension = _extension()
+        return None if extension is None else getattr(extension, self.symbol)
+
+
+def array_type(hint: Any) -> tuple[np.dtype, int] | None:
+    """Type and number of axes that a kernel expects for jaxtyping's annotation; None for others."""
+    if not hasattr(hint, "dtypes"):
+        return None
+    wide = {"float64", "int64"} & {*hint.dtypes}
+    return np.dtype(wide.pop() if wide else hint.dtypes[0]), len(hint.dims)
+
+
+def parts_of(hint: Any) -> list[Any]:
+    """The annotations of the parts of a tuple, named or not; empty for other types."""
+    fields = getattr(hint, "_fields", None)
+    return list(get_args(hint)) if fields is None else [*get_type_hints(hint).values()]
+
+
+def _arrays(hints: Iterable[Any]) -> Iterator[tuple[np.dtype, int]]:
+    for hint in hints:
+        if (expected := array_type(hint)) is None:
+            yield from _arrays(parts_of(hint))
+        else:
+            yield expected
+
+
+def _contiguous(values: Iterable[Any]) -> Iterator[np.ndarray]:
+    """The arrays among values and in tuples among them, but for those with gaps."""
+    for value in values:
+        if isinstance(value, tuple):
+            yield from _contiguous(value)
+        elif isinstance(value, np.ndarray) and value.flags.c_contiguous:
+            yield value
+
+
+@cache
+def _extension() -> ModuleType | None:
+    """The kernels that were compiled for such a processor on installation; None: without any."""
+    level = "avx2" if all(map(cv2.checkHardwareSupport, _AVX2)) else "base"
+    with suppress(ModuleNotFoundError):
+        return import_module(f"hlp.kernels_{level}")
+    return None
 
 
 @cache
@@ -146,151 +229,3 @@ def _kept_in(folder: Path | None, config: Any) -> Iterator[bool]:
         yield folder is not None
     finally:
         config.CACHE_DIR = before
-
-
-_RANGES_PER_THREAD = 4  # short ranges balance threads that start late or run slowly
-
-Result = TypeVar("Result")
-
-_own = threading.local()
-
-
-def threads_here(threads: int) -> int:
-    """How many of `threads` the calling thread may use: its share while it works for a team.
-
-    The share grows when others of the team run out of items.
-    """
-    shares: _Shares | None = getattr(_own, "shares", None)
-    return threads if shares is None else min(threads, shares.of_one())
-
-
-class _Shares:
-    """Threads that the workers of one `ThreadTeam.map` divide among those still at work."""
-
-    def __init__(self, threads: int, workers: int) -> None:
-        self._threads, self._working = threads, workers
-        self._guard = threading.Lock()
-
-    def of_one(self) -> int:
-        """How many threads each of the workers may use now."""
-        return self._threads // max(self._working, 1)
-
-    @contextmanager
-    def taken(self) -> Iterator[None]:
-        """The calling thread is one of the workers in the block, and has ended after it."""
-        before = getattr(_own, "shares", None)
-        _own.shares = self
-        try:
-            yield
-        finally:
-            _own.shares = before
-            with self._guard:
-                self._working -= 1
-
-
-class ThreadTeam:
-    """The calling thread and `threads` - 1 helper threads.
-
-    A thread that finishes an item takes the next one. The caller also works, because a helper may
-    start milliseconds late on a busy machine. A helper that has not started when all items are
-    taken is cancelled. Results do not depend on which thread processes which item.
-
-    A team that is used by a function which another team calls takes no more threads than that
-    other team leaves it, so that threads do not multiply. Those of a worker that has run out of
-    items go to the others.
-    """
-
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
-        self._helpers = ThreadPoolExecutor(threads - 1) if threads > 1 else None
-
-    def map(self, function: Callable[[int], Result], count: int) -> list[Result]:
-        """Results of `function(index)` for index 0 to `count` - 1, in order.
-
-        Raises what `function` raises, once all running calls have ended; no other one begins.
-        """
-        results: dict[int, Result] = {}
-        pending = iter(range(count))
-        failed = threading.Event()
-        threads = threads_here(self.threads)
-        workers = max(min(threads, count), 1)
-        shares = _Shares(threads, workers)
-
-        def run() -> None:
-            with shares.taken():
-                for index in pending:
-                    if failed.is_set():
-                        break
-                    try:
-                        results[index] = function(index)
-                    except BaseException:
-                        failed.set()
-                        raise
-
-        futures = [self._helpers.submit(run) for _ in range(workers - 1)] if self._helpers else []
-        try:
-            run()
-        finally:
-            started = [future for future in futures if not future.cancel()]
-            wait(started)
-        for future in started:
-            future.result()
-        return [results[index] for index in range(count)]
-
-    def map_ranges(self, function: Callable[[int, int], None], count: int) -> None:
-        """Call `function(start, stop)` for consecutive ranges that cover 0 to `count` - 1."""
-        threads = threads_here(self.threads)
-        pieces = min(_RANGES_PER_THREAD * threads, count) if threads > 1 else 1
-        bounds = list(pairwise(np.linspace(0, count, pieces + 1).astype(int).tolist()))
-        self.map(lambda piece: function(*bounds[piece]), len(bounds))
-
-
-def set_compute_threads(threads: int) -> None:
-    """Set the threads of BLAS and OpenCV, so that the same settings give the same bits.
-
-    The number of BLAS threads changes the last bits of sums. BLAS has little to do and gets one.
-    """
-    take_blas()
-    threadpool_limits(1, user_api="blas")
-    cv2.setNumThreads(threads)
-
-
-def take_blas() -> None:
-    """Let this thread of Python set BLAS's threads, whichever has set them before.
-
-    Since threadpoolctl 3.8 only the first thread that does may do so again, and what others ask for
-    is passed over in silence.
-    """
-    controller = threadpoolctl.OpenBLASController
-    if hasattr(controller, "clear_controlling_thread"):
-        controller.clear_controlling_thread(force=True)
-
-
-class OneBlasThread:
-    """Gives BLAS one thread in this process as long as anybody is within the block.
-
-    Blocks of several threads may overlap: the threads that BLAS had come back after the last one.
-    """
-
-    def __init__(self) -> None:
-        self._guard, self._inside = threading.Lock(), 0
-
-    @contextmanager
-    def __call__(self, libraries: ThreadpoolController) -> Iterator[None]:
-        """The block; `libraries` are those that are limited."""
-        with self._guard:
-            if self._inside == 0:
-                take_blas()
-                self._limit = libraries.limit(limits=1, user_api="blas")
-            self._inside += 1
-        try:
-            yield
-        finally:
-            with self._guard:
-                self._inside -= 1
-                if self._inside == 0:
-                    take_blas()
-                    self._limit.restore_original_limits()
-
-
-one_blas_thread = OneBlasThread()

@@ -8,10 +8,10 @@ import torch
 from torch import nn
 
 from hlp.errors import DataError, MissingDependencyError, MissingFileError
-from hlp.kernels import ThreadTeam
 from hlp.models import network
 from hlp.models.network import INTEGER, SINGLE, Network, _has_vnni, load_network, require_device
 from hlp.models.onnx_export import export_network
+from hlp.threads import ThreadTeam
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from hlp.kernels import ThreadTeam
 from hlp.patches.holistic import HolisticSettings, Windows, cut_windows
 from hlp.patches.window_images import WindowImages
+from hlp.threads import ThreadTeam
 
 RGBD = HolisticSettings(16, "rgbd")
 

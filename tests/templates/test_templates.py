@@ -9,13 +9,13 @@ import trimesh
 
 from hlp.geometry import inverse, rigid, transform
 from hlp.image_edges import NO_EDGE, color_edges, edges
-from hlp.kernels import ThreadTeam
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.rendering.views import thomson
 from hlp.templates.building import DIRECTIONS, TemplateSettings, build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
+from hlp.threads import ThreadTeam
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])

@@ -17,9 +17,10 @@ from hlp.arrays import Features
 from hlp.codebook.neighbours import SEARCHES, ExactNeighbours, SearchSettings
 from hlp.errors import DataError
 from hlp.files import read_npz
-from hlp.kernels import ThreadTeam, compiled, threads_here
+from hlp.kernels import compiled, compiled_ahead
 from hlp.records import Matches
 from hlp.settings import Count, Doc
+from hlp.threads import ThreadTeam, threads_here
 
 if TYPE_CHECKING:
     import faiss
@@ -208,7 +209,7 @@ def _restore(trained: Bytes, features: Features, settings: ListsSettings) -> fai
     return lists
 
 
-@compiled()
+@compiled_ahead()
 def _nearest(
     features: Float32[np.ndarray, "m d"],
     queries: Float32[np.ndarray, "n d"],

@@ -14,12 +14,12 @@ from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import CameraSettings, FrameFiles, OwnFrames
 from hlp.errors import InputError
 from hlp.files import expanded
-from hlp.kernels import set_compute_threads
 from hlp.method.detector import Detector
 from hlp.runs import live as answering
 from hlp.runs import prediction
 from hlp.runs.learnt_cache import cache_folder, find_learnt
 from hlp.runs.prediction import PredictionOptions
+from hlp.threads import set_compute_threads
 
 _NEEDED = ("rgb", "depth", "intrinsics")
 _OTHER = ("learnt", "model", "output", "work", "mask", "box", "threads")

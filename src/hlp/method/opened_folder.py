@@ -9,7 +9,6 @@ from typing import Self
 from threadpoolctl import ThreadpoolController
 
 from hlp.errors import MissingFileError
-from hlp.kernels import one_blas_thread
 from hlp.method import arguments
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.learnt_folder import LearntFolder
@@ -17,6 +16,7 @@ from hlp.method.learn.unfinished_folder import left_behind
 from hlp.method.settings import Device, FindSettings, MethodSettings
 from hlp.patches.backgrounds import GivenBackgrounds
 from hlp.records import Frame, ObjectModel
+from hlp.threads import one_blas_thread
 
 AnyPath = str | PathLike[str]
 

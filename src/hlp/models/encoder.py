@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from hlp.arrays import DepthPatches, Features, MaskPatches
-from hlp.kernels import compiled
+from hlp.kernels import compiled, compiled_ahead
 from hlp.models.network import Network
 from hlp.records import LocalPatches
 from hlp.settings import Registry
@@ -130,13 +130,14 @@ def patch_input(patches: LocalPatches, kind: str) -> Float32[np.ndarray, "n p p 
 def normals_with_depth(depth: DepthPatches, valid: MaskPatches) -> Float32[np.ndarray, "n p p 4"]:
     """Unit normals of the patches' depth, 0 where it is not valid, and the depth itself."""
     out = np.empty((*depth.shape, 4), dtype=np.float32)
-    _fill_normals(np.asarray(depth, dtype=np.float32), valid, out)
+    single = np.ascontiguousarray(depth, dtype=np.float32)
+    _fill_normals(single, np.ascontiguousarray(valid), out)
     return out
 
 
-@compiled()
+@compiled_ahead()
 def _fill_normals(
-    depth: DepthPatches, valid: MaskPatches, out: Float[np.ndarray, "n p p 4"]
+    depth: Float32[np.ndarray, "n p p"], valid: MaskPatches, out: Float32[np.ndarray, "n p p 4"]
 ) -> None:
     """Fill `out` with unit normals (0 where not valid) and the unchanged depth, all float32.
 

@@ -9,7 +9,7 @@ from jaxtyping import Shaped
 
 from hlp.arrays import Features
 from hlp.errors import DataError, MissingDependencyError, MissingFileError
-from hlp.kernels import threads_here
+from hlp.threads import threads_here
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from hlp.arrays import ColorPatches, DepthCodes, MaskPatches, Values
-from hlp.kernels import ThreadTeam, compiled
+from hlp.kernels import compiled
+from hlp.threads import ThreadTeam
 
 NOISE_LENGTH = 1 << 20
 """Length of the table of standard normal values from which noise is read."""

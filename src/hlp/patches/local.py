@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Le, Unit
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Float32, UInt8
 
 from hlp.arrays import (
     CameraMatrix,
@@ -20,7 +20,7 @@ from hlp.arrays import (
     Values,
 )
 from hlp.geometry import back_project
-from hlp.kernels import compiled
+from hlp.kernels import compiled_ahead
 from hlp.patches.holistic import center_depths, pixel_grid
 from hlp.patches.sampling import sample_squares
 from hlp.records import MILLIMETRE, LocalPatches
@@ -156,10 +156,10 @@ def _along_ray(
     return np.linalg.norm(rays, axis=1), offsets * shares[:, :1], offsets * shares[:, 1:]
 
 
-@compiled()
+@compiled_ahead()
 def _normalise_depth(
-    depth: DepthPatches,
-    center_depth: Values,
+    depth: Float32[np.ndarray, "n p p"],
+    center_depth: Float32[np.ndarray, "n"],
     half: np.float32,
     lengths: Values,
     across: Float[np.ndarray, "n p"],

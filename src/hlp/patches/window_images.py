@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float32, UInt8, UInt64
 
 from hlp.arrays import Image, Points, Rgb, Rows
-from hlp.kernels import ThreadTeam, compiled
+from hlp.kernels import compiled, compiled_ahead
 from hlp.patches.holistic import HolisticSettings, Windows
 from hlp.patches.sampling import area_shrink, halvings
+from hlp.threads import ThreadTeam
 
 _PAD = 2  # black pixels around an image, which stand for everything beyond it
 _LANES = 4  # values of a pixel: colour, and one that keeps pixels aligned
@@ -65,7 +66,7 @@ class WindowImages:
         return self._padded[level]
 
 
-@compiled()
+@compiled_ahead()
 def _cut_color(
     image: Float32[np.ndarray, "h2 w2 4"],
     places: Points,
@@ -97,9 +98,9 @@ def _cut_color(
             _mix(lines[k & 1], lines[(k + 1) & 1], y - low, out[r, j].reshape(-1))
 
 
-@compiled()
+@compiled_ahead()
 def _cut_depth(
-    depth: Image,
+    depth: Float32[np.ndarray, "h w"],
     places: Points,
     centers: Float32[np.ndarray, "n"],
     metric_size: np.float32,

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Float32, Int64, UInt8
 from hlp.arrays import Flags, Points, Pose, Rgb, Rows, Values
 from hlp.geometry import project, transform
 from hlp.image_edges import LOGARITHMS, NO_EDGE, color_edges
-from hlp.kernels import compiled
+from hlp.kernels import compiled_ahead
 from hlp.records import ObjectModel
 from hlp.refinement.verification import Observation, Verifier
 from hlp.rendering.surface import sample_surface
@@ -143,11 +143,11 @@ def _near(mask: Bool[np.ndarray, "h w"], distance: int) -> Bool[np.ndarray, "h w
 
 def _shares(classes: Int64[np.ndarray, "n"]) -> Shares:
     """How often each class is among pixels; those next to it count in part."""
-    from scipy.ndimage import gaussian_filter  # heavy, and only bins with such parts need it
-
-    count = np.bincount(classes.ravel(), minlength=int(np.prod(_SIZES))).astype(np.float64)
-    shares = gaussian_filter(count.reshape(_SIZES), _BLUR, mode="constant").ravel()
-    return np.asarray(shares / max(float(shares.sum()), 1.0))
+    shares = np.bincount(classes.ravel(), minlength=int(np.prod(_SIZES))).reshape(_SIZES)
+    for size in _SIZES:  # each axis becomes the last one in its turn
+        apart = np.subtract.outer(np.arange(size), np.arange(size))
+        shares = np.tensordot(shares, np.exp(-0.5 * (apart / _BLUR) ** 2), (0, 0))
+    return np.asarray(shares.ravel() / max(float(shares.sum()), 1.0))
 
 
 def _opponent(colors: UInt8[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
@@ -234,7 +234,7 @@ def _probabilities(logits: Values) -> Values:
     return np.asarray(1.0 / (1.0 + np.exp(-logits)))
 
 
-@compiled()
+@compiled_ahead()
 def _difference_ratios(
     colors: Float32[np.ndarray, "n m 3"],
     unlike: Float32[np.ndarray, "n m"],

@@ -16,15 +16,16 @@ from jaxtyping import Float, Float32, Int
 from hlp.arrays import CameraMatrix, Image, Mask, Points, Pose, Poses, Rows, Values
 from hlp.geometry import project, transform
 from hlp.records import Mesh
-from hlp.refinement.cost_kernel import Limits, RegionImages, depth_edges, sum_costs, weigh
-from hlp.rendering.rasterizer import NEAR
-from hlp.rendering.zbuffer import (
-    add_frame,
-    draw_triangles,
-    framed_buffer,
-    prepare_mesh,
-    project_vertices,
+from hlp.refinement.cost_kernel import (
+    Limits,
+    RegionImages,
+    depth_edges,
+    draw_mesh,
+    sum_costs,
+    weigh,
 )
+from hlp.rendering.rasterizer import NEAR
+from hlp.rendering.zbuffer import add_frame, prepare_mesh
 from hlp.settings import Doc, NotNegative, Positive, Settings
 
 
@@ -137,13 +138,9 @@ class DepthCost:
 
     def render(self, pose_cam_obj: Pose) -> Image:
         """Depth of the mesh in the ROI (m, 0 = nothing)."""
-        height, width = self.observed.shape
-        buffer = framed_buffer(height, width)
-        corners = np.empty(self._mesh.vertices.shape, dtype=np.float32)
-        pose = np.asarray(pose_cam_obj, dtype=np.float64)
-        project_vertices(pose, self._mesh.vertices, self.camera_matrix, corners)
-        draw_triangles(corners, self._mesh, buffer, None)
-        inverse = buffer[1 : height + 1, 1 : width + 1].astype(np.float64)
+        pose = np.ascontiguousarray(pose_cam_obj, dtype=np.float64)
+        inverse = draw_mesh(pose, self._mesh, self.camera_matrix, *self.observed.shape)
+        inverse = inverse.astype(np.float64)
         return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
 
     def _agreeing(self, pose_cam_obj: Pose, tolerance: float) -> Mask:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32
 
-from hlp.arrays import CameraMatrix, Image, Mask, Poses, Values
-from hlp.kernels import compiled
+from hlp.arrays import CameraMatrix, Image, Mask, Pose, Poses, Values
+from hlp.kernels import compiled, compiled_ahead
 from hlp.rendering.zbuffer import (
     VECTOR_WIDTH,
     KernelMesh,
@@ -47,7 +47,7 @@ class Limits(NamedTuple):
     occluder_cost: np.float32
 
 
-@compiled()
+@compiled_ahead()
 def depth_edges(depth: Image, step: float) -> Mask:
     """Edgelets: pixels with a 4-neighbour that is farther by more than `step` (m) or has no depth.
 
@@ -68,12 +68,24 @@ def depth_edges(depth: Image, step: float) -> Mask:
     return edges
 
 
+@compiled_ahead()
+def draw_mesh(
+    pose: Pose, mesh: KernelMesh, camera: CameraMatrix, height: int, width: int
+) -> Float32[np.ndarray, "h w"]:
+    """Inverse depth (1/m) of the mesh in a pose, 0 where there is nothing."""
+    inverse = framed_buffer(height, width)
+    corners = np.empty(mesh.vertices.shape, dtype=np.float32)
+    project_vertices(pose, mesh.vertices, camera, corners)
+    draw_triangles(corners, mesh, inverse, None)
+    return inverse[1 : height + 1, 1 : width + 1]
+
+
 @compiled(inline="always")
 def _beyond(depth: float, limit: float) -> bool:
     return not 0.0 < depth <= limit  # true for NaN, too
 
 
-@compiled()
+@compiled_ahead()
 def weigh(
     sums: Float[np.ndarray, "n 6"],
     agreed: float,
@@ -97,7 +109,7 @@ def weigh(
     return costs
 
 
-@compiled()
+@compiled_ahead()
 def sum_costs(
     poses: Poses, mesh: KernelMesh, camera: CameraMatrix, images: RegionImages, limits: Limits
 ) -> Float[np.ndarray, "n 6"]:

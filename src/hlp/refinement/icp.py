@@ -9,11 +9,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
-from hlp.arrays import CameraMatrix, Image, Points, Poses, Values
+from hlp.arrays import CameraMatrix, Points, Poses, Values
 from hlp.geometry import rigid, rotation_matrices, transform
-from hlp.kernels import compiled
+from hlp.kernels import compiled_ahead
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel
 from hlp.refinement.refiner import REFINERS, Refinement, Refiner
 from hlp.refinement.verification import Observation, VerificationSettings
@@ -92,6 +92,7 @@ def align_to_depth(
     damping = np.diag(np.repeat([_ROTATION * model.diameter**2, _TRANSLATION], 3))
     for limit in limits:
         image = seen.depth, seen.camera_matrix, limit
+        rotations = np.ascontiguousarray(rotations)
         sums = _sum_products(rotations, centers, points, surface.normals, *image)
         paired = np.trace(sums[:, 3:6, 3:6], axis1=1, axis2=2)  # the normals' lengths are 1
         products = sums[:, :6, :6] + np.maximum(paired, 1.0)[:, None, None] * damping
@@ -101,13 +102,13 @@ def align_to_depth(
     return rigid(rotations, centers - rotations @ model.centroid)
 
 
-@compiled(error_model="numpy")
+@compiled_ahead(error_model="numpy")
 def _sum_products(
     rotations: Float[np.ndarray, "n 3 3"],
     centers: Points,
     points: Points,
     normals: Points,
-    depth: Image,
+    depth: Float32[np.ndarray, "h w"],
     camera_matrix: CameraMatrix,
     limit: float,
 ) -> Float[np.ndarray, "n 7 7"]:

@@ -9,12 +9,13 @@ from annotated_types import Ge, Gt, Le
 from jaxtyping import Float
 
 from hlp.arrays import Point, Pose, Poses, Values
-from hlp.kernels import ThreadTeam, compiled, threads_here
+from hlp.kernels import compiled_ahead
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import REFINERS, Refinement, Refiner, cost_around
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Doc, NotNegative, Settings, SettingsError
+from hlp.threads import ThreadTeam, threads_here
 
 # Random streams of the second search and of tracking; hypotheses use streams 0, 1, …
 _SECOND_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17
@@ -218,7 +219,7 @@ def search(
     return apply_offsets(centre, global_best[None] * box, centroid)[0], iteration
 
 
-@compiled()
+@compiled_ahead()
 def update_swarm(
     position: Float[np.ndarray, "n 6"],
     velocity: Float[np.ndarray, "n 6"],
@@ -242,7 +243,7 @@ def update_swarm(
             position[n, d] = min(max(position[n, d] + velocity[n, d], -1.0), 1.0)
 
 
-@compiled()
+@compiled_ahead()
 def update_personal_bests(
     position: Float[np.ndarray, "n 6"],
     cost: Values,
@@ -261,7 +262,7 @@ def update_personal_bests(
     return best
 
 
-@compiled()
+@compiled_ahead()
 def apply_offsets(pose_cam_obj: Pose, offsets: Float[np.ndarray, "n 6"], centroid: Point) -> Poses:
     """Poses for offsets (α, β, γ in rad, t_r in m) from one pose.
 

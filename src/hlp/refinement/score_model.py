@@ -88,9 +88,11 @@ class ScoreModel(Stored):
             return raised(highest)
         if fmean(raised(0.0)) >= FOUND_SHARE:
             return raised(0.0)
-        from scipy.optimize import brentq  # takes as long to import as finding an object
-
-        return raised(brentq(lambda more: fmean(raised(more)) - FOUND_SHARE, 0.0, highest))
+        low, high = 0.0, highest
+        for _ in range(50):  # halvings, to the last digits
+            middle = (low + high) / 2.0
+            low, high = (middle, high) if fmean(raised(middle)) < FOUND_SHARE else (low, middle)
+        return raised(high)
 
     @property
     def colorless(self) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from hlp.arrays import Point, Points, Pose, Poses, Values
-from hlp.kernels import compiled
+from hlp.kernels import compiled, compiled_ahead
 
 
 class SeenSurface(NamedTuple):
@@ -26,7 +26,7 @@ class LogarithmGrid(NamedTuple):
     logarithms: Float32[np.ndarray, "256"]
 
 
-@compiled()
+@compiled_ahead()
 def sum_color_differences(
     seen: SeenSurface, motions: Poses, grid: LogarithmGrid, limit: float, white_balance: float
 ) -> Values:

@@ -148,8 +148,8 @@ def observe(
 ) -> Observation:
     """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite."""
     single = np.ascontiguousarray(depth, dtype=np.float32)
-    distance = _distances(depth_edges(single, settings.edge_step_mm / 1000.0))
-    of_depth, distances = np.broadcast_to(distance, (DIRECTIONS, *distance.shape)), None
+    distance = _distances(depth_edges(single.astype(np.float64), settings.edge_step_mm / 1000.0))
+    of_depth, distances = np.repeat(distance[None], DIRECTIONS, axis=0), None
     if settings.tau_image_edge_mm is not None:
         ratio = np.float32(settings.tau_edge_mm / settings.tau_image_edge_mm)
         # An edge may be of each of the kernel's directions that is at most 34° off.

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 
-from hlp.arrays import CameraMatrix, Image, Poses, Rgb
-from hlp.kernels import compiled
+from hlp.arrays import CameraMatrix, Poses, Rgb
+from hlp.kernels import compiled, compiled_ahead
 from hlp.rendering.zbuffer import (
     KernelMesh,
     ThreeRows,
@@ -25,7 +25,7 @@ _OFFSETS = np.float32(3.0) * COLOR_OFFSET
 class SeenImages(NamedTuple):
     """What poses are compared with; `edge_distance` (px) is that of each of the `DIRECTIONS`."""
 
-    depth: Image
+    depth: Float32[np.ndarray, "h w"]
     rgb: Rgb
     edge_distance: Float32[np.ndarray, "4 h w"]
 
@@ -39,7 +39,7 @@ class Tolerances(NamedTuple):
     step: float
 
 
-@compiled()
+@compiled_ahead()
 def sum_evidence(
     poses: Poses,
     mesh: KernelMesh,

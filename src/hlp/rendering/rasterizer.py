@@ -12,21 +12,22 @@ from jaxtyping import Float, Int, Int32
 
 from hlp.arrays import CameraMatrix, Image, Points, Pose, Poses, Rgb
 from hlp.geometry import transform
-from hlp.kernels import ThreadTeam, compiled
+from hlp.kernels import compiled, compiled_ahead
 from hlp.records import Mesh
 from hlp.rendering.shading import Light, Surface, shade_surface
+from hlp.threads import ThreadTeam
 
 NEAR = 0.01
 """Triangles with a corner nearer to the camera than this (m) are not drawn."""
 _TOLERANCE = 1e-6  # px, above the rounding error
 
 
-@compiled()
+@compiled_ahead()
 def fill_triangles(
     corners: Points,
-    faces: Int[np.ndarray, "f 3"],
+    faces: Int32[np.ndarray, "f 3"],
     inverse_depth: Image,
-    triangles: Int[np.ndarray, "h w"],
+    triangles: Int32[np.ndarray, "h w"],
     first: int,
 ) -> None:
     """Draw triangles into a z-buffer of inverse depths (1/m, 0 = nothing), keeping the nearest.

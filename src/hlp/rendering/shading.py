@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int, Int32, Shaped, UInt8
 
 from hlp.arrays import CameraMatrix, Points, Rgb, Vector
-from hlp.kernels import compiled
+from hlp.kernels import compiled, compiled_ahead
 
 _Three = tuple[float, float, float]
 _Face = Int32[np.ndarray, "3"]
@@ -92,7 +92,7 @@ class Surface(NamedTuple):
     rotation: Float[np.ndarray, "3 3"]
 
 
-@compiled()
+@compiled_ahead()
 def shade_surface(
     surface: Surface,
     triangles: Int32[np.ndarray, "h w"],

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from hlp.arrays import CameraMatrix, Image, Mask, Point, Points, Positions
-from hlp.kernels import compiled
+from hlp.kernels import compiled, compiled_ahead
 from hlp.records import ColorGrid, Mesh, Texture
 
 # Two irrational steps whose multiples fill the unit square evenly (Roberts' R2 sequence).
@@ -100,9 +100,9 @@ def _made(mesh: Mesh) -> ColorGrid:
     return ColorGrid(colors, corner, cell)
 
 
-@compiled()
+@compiled_ahead()
 def surface_and_normals(
-    depth: Image, used: Mask, count: int, camera: CameraMatrix
+    depth: Float32[np.ndarray, "h w"], used: Mask, count: int, camera: CameraMatrix
 ) -> tuple[Points, Points]:
     """Points (m, camera coordinates) that the `count` used pixels show, row by row, and normals.
 

@@ -16,12 +16,12 @@ from hlp.arrays import CameraMatrix, Points, Poses, StoredDepth, Values
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.files import write_array
 from hlp.geometry import rigid
-from hlp.kernels import ThreadTeam
 from hlp.progress import Progress
 from hlp.records import MILLIMETRES_PER_METRE, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.shading import random_light
 from hlp.settings import Doc, Positive, Settings, SettingsError
+from hlp.threads import ThreadTeam
 
 _MIRROR = np.array([1.0, 1.0, -1.0])
 # Below this distance from the pole the object's +z has no direction in the image.

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from hlp.data.dataset import frames_identity
 from hlp.files import MANIFEST, SCORES, remove_unfinished
-from hlp.kernels import set_compute_threads
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.model_files import read_history
@@ -24,6 +23,7 @@ from hlp.reporting.mlflow.tracking import REVISION, track_run
 from hlp.reporting.page.report_data import FOLDER, PANELS, ReportData, drawn_stages
 from hlp.stages.manifest import git_revision
 from hlp.stages.store import StageStore
+from hlp.threads import set_compute_threads
 
 if TYPE_CHECKING:
     from hlp.config.build import Run

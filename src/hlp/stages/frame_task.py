@@ -9,7 +9,6 @@ from typing import Any
 
 from hlp.data.dataset import Dataset, DataSettings
 from hlp.errors import DataError, MissingFileError
-from hlp.kernels import set_compute_threads
 from hlp.method.find.trace import Stage
 from hlp.method.settings import MethodSettings
 from hlp.progress import Progress
@@ -18,6 +17,7 @@ from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.manifest import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
+from hlp.threads import set_compute_threads
 
 # Per worker: its data set, networks and codebooks stay loaded between frames.
 _KEPT = threading.local()

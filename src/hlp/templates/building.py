@@ -5,6 +5,7 @@ the depth image says how large the object appears at each place.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import cv2
@@ -113,7 +114,8 @@ def _viewpoints(model: ObjectModel, count: int) -> Points:
     Of equivalent ones the nearest to one direction is kept, and what is hardly farther: for a
     carton, the farthest direction from any view is then 23° off instead of 20°.
     """
-    around = thomson(count, 0)
+    stored = Path(__file__).with_name(f"directions_{count}.npy")  # SciPy need not be installed
+    around = np.load(stored) if stored.is_file() else thomson(count, 0)
     closeness = np.einsum("sij,vj,i->vs", model.symmetries[:, :3, :3], around, _KEPT_SIDE)
     return np.asarray(around[closeness[:, 0] >= closeness.max(axis=1) - _MARGIN / np.sqrt(count)])
 

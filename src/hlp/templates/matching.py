@@ -4,12 +4,13 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Int8, Int32, UInt8
 
-from hlp.arrays import CameraMatrix, Image, Mask, Points, Poses, Rows
+from hlp.arrays import CameraMatrix, Image, Mask, Pixels, Points, Poses, Rows
 from hlp.geometry import allocentric_to_egocentric, rigid, transform
 from hlp.image_edges import NO_EDGE, STEPS
-from hlp.kernels import ThreadTeam, compiled
+from hlp.kernels import compiled, compiled_ahead
 from hlp.records import Hypotheses, ObjectModel
 from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
+from hlp.threads import ThreadTeam
 
 _SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
 _FIRST = 16  # features after which a place that has too few of them is left
@@ -25,7 +26,7 @@ def spread_edges(directions: Int8[np.ndarray, "h w"], reach: int) -> UInt8[np.nd
     """How well each pixel answers to a feature of each direction, by the edges around it."""
     near = np.zeros(directions.shape, dtype=np.uint8)
     offsets = np.argwhere(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2))
-    _mark(directions, offsets - reach, near)
+    _mark(directions, np.ascontiguousarray(offsets - reach), near)
     codes = np.arange(256)
     tables = np.zeros((DIRECTIONS, 256), dtype=np.uint8)
     for k in range(DIRECTIONS):
@@ -34,11 +35,9 @@ def spread_edges(directions: Int8[np.ndarray, "h w"], reach: int) -> UInt8[np.nd
     return np.stack([cv2.LUT(near, table) for table in tables])
 
 
-@compiled()
+@compiled_ahead()
 def _mark(
-    directions: Int8[np.ndarray, "h w"],
-    offsets: Int32[np.ndarray, "n 2"],
-    near: UInt8[np.ndarray, "h w"],
+    directions: Int8[np.ndarray, "h w"], offsets: Pixels, near: UInt8[np.ndarray, "h w"]
 ) -> None:
     """Set the bit of an edge's direction in all pixels around it."""
     height, width = directions.shape
@@ -123,10 +122,10 @@ def at_different_places(poses_cam_obj: Poses, model: ObjectModel, most: int) -> 
     return kept
 
 
-@compiled(fastmath=True)
+@compiled_ahead(fastmath=True)
 def _scan(
     answers: UInt8[np.ndarray, "8 h w"],
-    depth: Image,
+    depth: Float32[np.ndarray, "h w"],
     places: Float32[np.ndarray, "p 2"],
     depths: Float32[np.ndarray, "p"],
     focal: np.float32,
@@ -179,7 +178,7 @@ def _keep(
         shares[place], rows[place] = share, row
 
 
-@compiled()
+@compiled_ahead()
 def _choose_different(
     centers: Points, rotations: Float[np.ndarray, "n 3 3"], shift: float, trace: float, chosen: Rows
 ) -> int:

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hlp.arrays import Points, Values
-from hlp.kernels import ThreadTeam, compiled
+from hlp.kernels import compiled, compiled_ahead
+from hlp.threads import ThreadTeam
 
 # Allows the compiler to reorder sums, so that loops become vector instructions.
 _FAST = {"reassoc", "contract", "nsz"}
@@ -56,7 +57,7 @@ def find_modes(
     return means[kept], found[kept]
 
 
-@compiled(fastmath=_FAST)
+@compiled_ahead(fastmath=_FAST)
 def sum_support(votes: KernelVotes, first: int, support: Values) -> None:
     """Fill `support` with the total weight of the votes that agree with vote `first` + n."""
     positions, quats, weights, radius_squared, cosine = votes
@@ -71,7 +72,7 @@ def sum_support(votes: KernelVotes, first: int, support: Values) -> None:
         support[n] = total
 
 
-@compiled()
+@compiled_ahead()
 def choose_distinct(votes: KernelVotes, limit: int) -> Int[np.ndarray, "s"]:
     """At most `limit` indices by falling weight, none of which agrees with an earlier one."""
     positions, quats, weights, radius_squared, cosine = votes
@@ -94,7 +95,7 @@ def choose_distinct(votes: KernelVotes, limit: int) -> Int[np.ndarray, "s"]:
     return chosen
 
 
-@compiled()
+@compiled_ahead()
 def shift_modes(
     votes: KernelVotes, steps: int, means: Float[np.ndarray, "s 7"], mode_support: Values
 ) -> None:

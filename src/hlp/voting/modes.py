@@ -9,9 +9,9 @@ from jaxtyping import Float
 
 from hlp.arrays import Point, Points, Values
 from hlp.geometry import quaternions, rigid, rotation_matrices
-from hlp.kernels import ThreadTeam
 from hlp.records import Hypotheses, Votes
 from hlp.settings import Count, Doc, NotNegative, Positive, Registry, Settings
+from hlp.threads import ThreadTeam
 from hlp.voting.mean_shift import find_modes
 
 Sample = tuple[Points, Float[np.ndarray, "n 4"], Values]

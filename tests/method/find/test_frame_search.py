@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hlp.kernels import ThreadTeam
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import STEPS, ObjectTrace
 from hlp.records import Hypotheses, Region
+from hlp.threads import ThreadTeam
 
 
 class Estimator:

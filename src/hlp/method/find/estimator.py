@@ -9,7 +9,6 @@ import numpy as np
 
 from hlp.arrays import Mask, Pixels, Pose, Positions, Values, derive_seed
 from hlp.image_edges import color_edges
-from hlp.kernels import ThreadTeam
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMatching
 from hlp.method.find.trace import ObjectTrace, Observer, nobody
@@ -27,6 +26,7 @@ from hlp.refinement.verification import Observation, VerificationSettings, Verif
 from hlp.rendering.surface import color_grid
 from hlp.templates.building import build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
+from hlp.threads import ThreadTeam
 from hlp.voting.cast import cast_votes
 
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there

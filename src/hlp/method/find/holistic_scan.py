@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from hlp.kernels import ThreadTeam
 from hlp.method.find.trace import Observer, nobody
 from hlp.models.classifier import CHUNK, class_probabilities
 from hlp.models.network import Network
@@ -20,6 +19,7 @@ from hlp.patches.window_choice import (
 )
 from hlp.patches.window_images import WindowImages
 from hlp.records import Frame, ObjectModel
+from hlp.threads import ThreadTeam
 
 # Objects whose sizes differ by less share windows, whose scale is then at most 12 % off.
 _SHARED_SCALE = 1.25

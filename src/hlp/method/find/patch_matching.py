@@ -13,7 +13,6 @@ import numpy as np
 
 from hlp.arrays import Features, Pixels
 from hlp.codebook.neighbours import is_joint
-from hlp.kernels import ThreadTeam
 from hlp.method.find.trace import Observer, nobody
 from hlp.method.settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
@@ -22,6 +21,7 @@ from hlp.patches.local import cut_local_patches
 from hlp.patches.sampling import join
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
 from hlp.refinement.score_model import ScoreModel
+from hlp.threads import ThreadTeam
 
 _PER_THREAD = 128  # patches that are worth a thread of their own
 _UNKNOWN, _NO_PATCH = -2, -1  # in place of the row of a pixel's patch

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hlp.kernels import ThreadTeam
 from hlp.method.find.estimator import FrameContext
 from hlp.method.find.instances import find_instances, resolve_conflicts
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
 from hlp.records import Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation
+from hlp.threads import ThreadTeam
 
 MOST_INSTANCES = 10
 """Instances of one object that are looked for in an image where their number is not known."""

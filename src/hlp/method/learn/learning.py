@@ -14,7 +14,6 @@ from hlp.codebook.entries import save_codebook
 from hlp.codebook.neighbours import is_joint
 from hlp.errors import InputError
 from hlp.fingerprints import source_digest
-from hlp.kernels import set_compute_threads
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.classifier_training import train_classifier
 from hlp.method.learn.codebook_building import build_codebook
@@ -48,6 +47,7 @@ from hlp.patches.backgrounds import Backgrounds
 from hlp.records import ObjectModel, Views
 from hlp.refinement.score_model import save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
+from hlp.threads import set_compute_threads
 
 _ADDED_EPOCHS = 4  # of a classifier that already knows most of its objects
 
