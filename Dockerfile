@@ -1,9 +1,10 @@
 # Only what finds learnt objects:  docker build --target detect -t hlp-detect .
-FROM python:3.11-slim AS detection_set
+# This one has a C compiler, which kernels need.
+FROM python:3.11 AS detection_set
 WORKDIR /hlp
 COPY . .
-RUN pip install --no-cache-dir --no-compile --prefix /found -r requirements-detect.txt && \
-    pip install --no-cache-dir --no-compile --prefix /found --no-deps . && \
+RUN pip install --no-cache-dir --prefix /found -r requirements-detect.txt && \
+    HLP_COMPILE=1 pip install --no-cache-dir --prefix /found --no-deps . && \
     find /found -type d -name tests -prune -exec rm -r {} +
 
 FROM python:3.11-slim AS detect

@@ -67,13 +67,16 @@ class WheelFolder:
         return {path for path in self.package.rglob("*") if path.is_file()}
 
 
-def install_wheel(folder: Path) -> WheelFolder:
-    """Build the wheel and install it into a folder, where nobody may write afterwards."""
+def install_wheel(folder: Path, **variables: str) -> WheelFolder:
+    """Build the wheel and install it into a folder, where nobody may write afterwards.
+
+    `variables` are those of the environment in which it is built.
+    """
     made = WheelFolder(folder)
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     offline = ["--no-deps", "--no-index"]
     build = [*pip, "wheel", *offline, "--no-build-isolation", "-w", str(folder), str(CHECKOUT)]
-    subprocess.run(build, check=True, cwd=folder)
+    subprocess.run(build, check=True, cwd=folder, env={**os.environ, **variables})
     (wheel,) = folder.glob("hlp-*.whl")
     install = [*pip, "install", *offline, "--no-compile", "--target", str(made.package), str(wheel)]
     subprocess.run(install, check=True, cwd=folder)

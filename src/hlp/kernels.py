@@ -13,12 +13,13 @@ from importlib import import_module
 from pathlib import Path
 from threading import Lock
 from types import ModuleType
-from typing import Any, TypeVar, cast, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import cv2
 import numpy as np
 import platformdirs
 
+from hlp.errors import MissingDependencyError
 from hlp.fingerprints import source_digest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -48,7 +49,7 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
 
 
 def compiled_ahead(**options: Any) -> Callable[[Function], Function]:
-    """Decorator of a kernel that finding objects calls: of the types of its annotations alone.
+    """Decorator of a kernel that Python calls: of the types of its annotations alone.
 
     Otherwise as `compiled`, but a wheel may hold its machine code, which needs neither numba nor
     time (`compile_kernels`). Arrays must be contiguous; `Float` without a width is float64, `Int`
@@ -122,7 +123,8 @@ class AheadKernel(_Kernel):
     @cached_property
     def hints(self) -> list[Any]:
         """The types of its arguments, as annotated."""
-        return [hint for name, hint in get_type_hints(self._function).items() if name != "return"]
+        hints = get_type_hints(self._function, include_extras=True)
+        return [hint for name, hint in hints.items() if name != "return"]
 
     @cached_property
     def _expected(self) -> list[tuple[np.dtype, int]]:
@@ -130,12 +132,17 @@ class AheadKernel(_Kernel):
 
     @cached_property
     def _ahead(self) -> Callable[[tuple[Any, ...]], Any] | None:
-        extension = _extension()
-        return None if extension is None else getattr(extension, self.symbol)
+        kernels = extension()
+        return None if kernels is None else getattr(kernels, self.symbol)
 
 
 def array_type(hint: Any) -> tuple[np.dtype, int] | None:
-    """Type and number of axes that a kernel expects for jaxtyping's annotation; None for others."""
+    """Type and number of axes of an annotated array: jaxtyping's, or records with their type.
+
+    None for other annotations.
+    """
+    if get_origin(hint) is Annotated:
+        return hint.__metadata__[0], 1
     if not hasattr(hint, "dtypes"):
         return None
     wide = {"float64", "int64"} & {*hint.dtypes}
@@ -166,8 +173,8 @@ def _contiguous(values: Iterable[Any]) -> Iterator[np.ndarray]:
 
 
 @cache
-def _extension() -> ModuleType | None:
-    """The kernels that were compiled for such a processor on installation; None: without any."""
+def extension() -> ModuleType | None:
+    """The kernels that were compiled ahead for such a processor; None where none were."""
     level = "avx2" if all(map(cv2.checkHardwareSupport, _AVX2)) else "base"
     with suppress(ModuleNotFoundError):
         return import_module(f"hlp.kernels_{level}")
@@ -184,9 +191,15 @@ def _numba() -> Any:
     """Numba with what it needs to load kernels, but for scipy.linalg.
 
     To see whether SciPy, which HLP requires, is there, numba imports that: 0.2 s of its 0.4 s. A
-    kernel that needs BLAS still does.
+    kernel that needs BLAS still does. Raises MissingDependencyError where there is none.
     """
-    import numba
+    try:
+        import numba
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(
+            "numba is not installed, and this HLP has no compiled kernels: pip install numba, or "
+            "install HLP with HLP_COMPILE=1 (docs/own-object.md)"
+        ) from error
     from numba.core.registry import cpu_target
     from numba.np import linalg
 

@@ -21,6 +21,7 @@ from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames, SearchMasks
 from hlp.errors import HlpError
 from hlp.files import expanded
+from hlp.kernels import extension
 from hlp.method.detector import Detector
 from hlp.reporting.figures.panels import draw_detections, write_picture
 from hlp.runs.learnt_cache import cache_folder, find_learnt
@@ -144,8 +145,9 @@ def doctor(arguments: Sequence[str]) -> None:
     cache = cache_folder(given.get("work"))
     findings = [*check_libraries(), *check_threads(), *check_disk(cache)]
     optional = [name for name in ("OpenEXR", "pyrealsense2", "OpenGL") if find_spec(name)]
+    kernels = "compiled kernels" if extension() else f"numba {version('numba')}"
     print(
-        f"machine   {os.cpu_count()} cores, numba {version('numba')}, onnxruntime "
+        f"machine   {os.cpu_count()} cores, {kernels}, onnxruntime "
         f"{version('onnxruntime')}, opencv {version('opencv-python-headless')}\n"
         f"          optional: {', '.join(optional) or 'nothing'}"
     )

@@ -4,13 +4,13 @@ The random numbers of an image form one record; a compiled kernel then computes 
 pass, which keeps the image in the processor's cache.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 
 from hlp.arrays import ColorPatches, DepthCodes, MaskPatches, Values
-from hlp.kernels import compiled
+from hlp.kernels import compiled, compiled_ahead
 from hlp.threads import ThreadTeam
 
 NOISE_LENGTH = 1 << 20
@@ -45,9 +45,12 @@ COMPOSITE_DRAWS = np.dtype(
         ("holes", "f4", (16, 16)),  # no depth where this field exceeds hole_level
         ("hole_level", "f4"),
         ("noise_start", "i4"),  # index in the noise table
-    ]
+    ],
+    align=True,
 )
 """The random numbers of one image."""
+CompositeDraws = Annotated[np.ndarray, COMPOSITE_DRAWS]
+"""Those of n images, (n,)."""
 
 
 class ObjectWindows(NamedTuple):
@@ -68,14 +71,14 @@ class BackgroundPool(NamedTuple):
 def compose_windows(
     windows: ObjectWindows,
     backgrounds: BackgroundPool,
-    draws: np.ndarray,
-    noise: Values,
+    draws: CompositeDraws,
+    noise: Float32[np.ndarray, "k"],
     with_depth: bool,
     threads: int,
 ) -> Float[np.ndarray, "n p p c"]:
     """Images in [-1, 1] of n windows: colour, and `with_depth` depth as the fourth channel.
 
-    `draws` (n,) is of type COMPOSITE_DRAWS. The result does not depend on the number of `threads`.
+    The result does not depend on the number of `threads`.
     """
     out = np.empty((*windows.mask.shape, 4 if with_depth else 3), dtype=np.float32)
 
@@ -88,13 +91,13 @@ def compose_windows(
     return out
 
 
-@compiled()
+@compiled_ahead()
 def _compose(
     windows: ObjectWindows,
     backgrounds: BackgroundPool,
-    draws: np.ndarray,
-    noise: Values,
-    out: Float[np.ndarray, "n p p c"],
+    draws: CompositeDraws,
+    noise: Float32[np.ndarray, "k"],
+    out: Float32[np.ndarray, "n p p c"],
 ) -> None:
     color, code, mask = windows
     size = mask.shape[1]

@@ -115,7 +115,7 @@ def _viewpoints(model: ObjectModel, count: int) -> Points:
     carton, the farthest direction from any view is then 23° off instead of 20°.
     """
     stored = Path(__file__).with_name(f"directions_{count}.npy")  # SciPy need not be installed
-    around = np.load(stored) if stored.is_file() else thomson(count, 0)
+    around = np.load(stored, allow_pickle=False) if stored.is_file() else thomson(count, 0)
     closeness = np.einsum("sij,vj,i->vs", model.symmetries[:, :3, :3], around, _KEPT_SIDE)
     return np.asarray(around[closeness[:, 0] >= closeness.max(axis=1) - _MARGIN / np.sqrt(count)])
 
