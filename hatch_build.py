@@ -73,7 +73,7 @@ class CompiledKernels(BuildHookInterface):
         if not self.wanted or version == "editable":
             return
         self._folder = TemporaryDirectory()
-        compiling = [sys.executable, "-m", "hlp.compile_kernels", self._folder.name]
+        compiling = [sys.executable, str(Path(self.root, "hatch_kernels.py")), self._folder.name]
         places = {**os.environ, "PYTHONPATH": str(Path(self.root, "src"))}
         subprocess.run(compiling, check=True, env=places)  # noqa: S603
         for path in Path(self._folder.name).iterdir():

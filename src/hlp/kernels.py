@@ -1,4 +1,4 @@
-"""Kernels compiled by numba: when they are first used, or before (`compile_kernels`).
+"""Kernels compiled by numba: when they are first used, or before, for a wheel.
 
 A kernel is compiled again when any source behind it has changed. It releases the GIL, so that a
 `threads.ThreadTeam` runs several at once.
@@ -52,7 +52,7 @@ def compiled_ahead(**options: Any) -> Callable[[Function], Function]:
     """Decorator of a kernel that Python calls: of the types of its annotations alone.
 
     Otherwise as `compiled`, but a wheel may hold its machine code, which needs neither numba nor
-    time (`compile_kernels`). Arrays must be contiguous; `Float` without a width is float64, `Int`
+    time (`hatch_kernels.py`). Arrays must be contiguous; `Float` without a width is float64, `Int`
     int64. With other arrays, calling it raises TypeError, compiled ahead or not.
     """
 

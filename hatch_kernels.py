@@ -1,4 +1,4 @@
-"""Compile kernels ahead of time: `python -m hlp.compile_kernels FOLDER`.
+"""Compile kernels for a wheel (`hatch_build.py`): `python hatch_kernels.py FOLDER`.
 
 Each extension module made there holds all kernels declared by `compiled_ahead`, for one type of
 processor. It needs neither numba nor LLVM; making it needs both, and a C compiler.
@@ -15,14 +15,12 @@ from tempfile import TemporaryDirectory
 from typing import Any, get_origin
 
 import numpy as np
-from numba import from_dtype
-from numba import types as untyped_types
+from numba import from_dtype, types
 from numba.core.compiler import Flags
 
 import hlp
 from hlp.kernels import AheadKernel, array_type, parts_of
 
-types: Any = untyped_types
 _X86 = {"avx2": "x86-64-v3", "base": "x86-64-v2"}
 """LLVM's names of processors; NumPy needs x86-64-v2."""
 
@@ -37,7 +35,7 @@ def compile_all(folder: Path) -> None:
     with TemporaryDirectory() as cache:
         for level, name in names.items():
             numbas = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": cache}
-            call = [sys.executable, "-m", "hlp.compile_kernels", str(folder), level]
+            call = [sys.executable, __file__, str(folder), level]
             running.append(subprocess.Popen(call, env={**os.environ, **numbas}))  # noqa: S603
         if any([process.wait() for process in running]):
             raise SystemExit("kernels were not compiled: see the errors above")
@@ -45,7 +43,7 @@ def compile_all(folder: Path) -> None:
 
 def compile_for(folder: Path, level: str) -> None:
     """Compile for the processor that `NUMBA_CPU_NAME` names."""
-    pycc: Any = import_module("numba.pycc")  # warns that there is to be something else some day
+    pycc = import_module("numba.pycc")  # warns that there is to be something else some day
     extension = pycc.CC(f"kernels_{level}", source_module=hlp)
     extension.output_dir, extension.target_cpu = str(folder), os.environ["NUMBA_CPU_NAME"]
     for kernel in find_kernels():
@@ -90,7 +88,7 @@ def numba_type(hint: Any) -> Any:
 
 
 def _releasing_the_gil() -> Any:
-    options: Any = Flags()  # type: ignore[no-untyped-call]
+    options = Flags()
     options.release_gil, options.no_cfunc_wrapper = True, True
     return options
 
