@@ -13,7 +13,7 @@ from hlp.arrays import Features, Values
 from hlp.records import Matches
 from hlp.settings import Count, Doc, Registry, Settings
 
-_ROWS = 512  # queries in a block: bounds the distance matrix
+_ROWS = 128  # queries in a block: bounds the distance matrix
 
 
 class Neighbours(Protocol):

@@ -49,8 +49,9 @@ def build_codebook(
         points.append(block.points_cam)
         rows = sample - first[start]
         sampled.append(block[rows[(rows >= 0) & (rows < len(block))]])
-    entries = np.concatenate(features)
-    some = join(sampled)
+    entries, some = np.concatenate(features), join(sampled)
+    features.clear()
+    sampled.clear()
     seen = degrade_patches(some, np.arange(len(some)), size, settings.seed)
     nearest = ExactNeighbours(entries, 1).nearest_distances(encoder.encode(seen))
     return make_codebook(

@@ -28,7 +28,7 @@ from hlp.rendering.views import ViewsSettings
 _RIGHT = 0.1  # of the diameter: ADD-S of a right pose is less
 _VERTICES = 1000  # of a mesh, about as many are compared
 _ABSENT = 3  # every third scene is without the object
-_BATCH = 8  # scenes held at a time
+_BATCH = 4  # scenes held at a time
 _INSTANCES = 2  # answers a scene; the second one is wrong, and looks like the object
 
 
