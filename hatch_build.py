@@ -74,9 +74,7 @@ class CompiledKernels(BuildHookInterface):
             return
         self._folder = TemporaryDirectory()
         compiling = [sys.executable, str(Path(self.root, "hatch_kernels.py")), self._folder.name]
-        # pip names the folder of what it installed for building in PYTHONPATH, too.
-        paths = os.pathsep.join([str(Path(self.root, "src")), os.environ.get("PYTHONPATH", "")])
-        subprocess.run(compiling, check=True, env={**os.environ, "PYTHONPATH": paths})  # noqa: S603
+        subprocess.run(compiling, check=True)  # noqa: S603
         for path in Path(self._folder.name).iterdir():
             build_data["force_include"][str(path)] = f"hlp/{path.name}"
         build_data.update(pure_python=False, infer_tag=True)

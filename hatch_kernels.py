@@ -18,6 +18,8 @@ import numpy as np
 from numba import from_dtype, types
 from numba.core.compiler import Flags
 
+sys.path.insert(0, str(Path(__file__).with_name("src")))
+
 import hlp
 from hlp.kernels import AheadKernel, array_type, parts_of
 
@@ -38,7 +40,9 @@ def compile_all(folder: Path) -> None:
             call = [sys.executable, __file__, str(folder), level]
             running.append(subprocess.Popen(call, env={**os.environ, **numbas}))  # noqa: S603
         if any([process.wait() for process in running]):
-            raise SystemExit("kernels were not compiled: see the errors above")
+            raise SystemExit(
+                "kernels were not compiled (this needs a C compiler and Python's headers)"
+            )
 
 
 def compile_for(folder: Path, level: str) -> None:

@@ -92,6 +92,16 @@ def test_it_is_said_once_that_kernels_are_compiled(package: Path) -> None:
     assert [call(package, code), call(package, code)] == [1, 0]
 
 
+def test_without_numba_it_is_said_what_to_install(package: Path) -> None:
+    code = (
+        "import json, sys\nsys.modules['numba'] = None  # importing it raises ImportError\n"
+        "from kernels.caller import doubled_and_one\ntry:\n    doubled_and_one(3.0)\n"
+        "except ImportError as error:\n    print(json.dumps(str(error)))\n"
+    )
+    said = call(package, code)
+    assert "pip install numba" in said and "HLP_COMPILE=1" in said
+
+
 def test_what_is_compiled_ahead_takes_arrays_as_annotated_and_no_others() -> None:
     """Its machine code would read them as if they were those, and tell nothing."""
     position, cost = np.ones((2, 6)), np.array([1.0, 0.5])
