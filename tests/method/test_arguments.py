@@ -95,7 +95,8 @@ def test_a_wrong_argument_is_named(call, given, words):
     ],
 )
 def test_the_layout_of_an_array_does_not_matter(depth):
-    given = checked_frame(np.asfortranarray(RGB), depth, K.tolist())
+    given = checked_frame(np.asfortranarray(RGB), depth, np.asfortranarray(K))
+    assert all(array.flags.c_contiguous for array in (given.rgb, given.depth, given.camera_matrix))
     assert given.depth.dtype == np.float32 and np.array_equal(given.depth, DEPTH)
     assert np.array_equal(given.rgb, RGB) and np.array_equal(given.camera_matrix, K)
 

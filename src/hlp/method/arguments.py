@@ -98,9 +98,10 @@ def checked_backgrounds(given: object) -> tuple[Frame, ...]:
 
 
 def _array(given: object, name: str) -> np.ndarray[Any, Any]:
-    """The argument as an array; what is masked counts as missing."""
+    """The argument as an array with rows in sequence; what is masked counts as missing."""
     try:
-        return np.asarray(np.ma.filled(given, 0) if np.ma.isMaskedArray(given) else given)
+        filled = np.ma.filled(given, 0) if np.ma.isMaskedArray(given) else given
+        return np.asarray(filled, order="C")
     except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # of numpy and torch
         raise InputError(f"{name} is not an array: {error}") from error
 

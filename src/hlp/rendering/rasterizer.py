@@ -129,8 +129,8 @@ def render_scene(
             first,
             np.ascontiguousarray(mesh.faces, dtype=np.int32),
             transform(pose, mesh.vertices),
-            mesh.normals,
-            mesh.colors,
+            np.ascontiguousarray(mesh.normals, dtype=np.float64),
+            np.ascontiguousarray(mesh.colors),
             np.ascontiguousarray(pose[:3, :3]),
         )
         _draw(surface.points_cam, surface.faces, camera_matrix, inverse_depth, triangles, first)
