@@ -63,8 +63,7 @@ class CompiledKernels(BuildHookInterface):
         """What compiling needs beside hatchling: pip puts it where it builds."""
         if not self.wanted:
             return []
-        listed = Path(self.root, "requirements-detect.txt").read_text(encoding="utf-8")
-        names = {"numba", *re.findall(r"^[\w-]+", listed, re.MULTILINE)}
+        names = {"numba", *self.metadata.config["dependency-groups"]["detect"]}
         stated = self.metadata.core.dependencies
         return ["setuptools", *(each for each in stated if re.split(r"[^\w-]", each)[0] in names)]
 
@@ -72,7 +71,7 @@ class CompiledKernels(BuildHookInterface):
         """Compile, unless a checkout is installed in place, whose sources may change."""
         if not self.wanted or version == "editable":
             return
-        self._folder = TemporaryDirectory()
+        self._folder = TemporaryDirectory()  # until the wheel is written
         compiling = [sys.executable, str(Path(self.root, "hatch_kernels.py")), self._folder.name]
         subprocess.run(compiling, check=True)  # noqa: S603
         for path in Path(self._folder.name).iterdir():

@@ -144,7 +144,7 @@ def _near(mask: Bool[np.ndarray, "h w"], distance: int) -> Bool[np.ndarray, "h w
 def _shares(classes: Int64[np.ndarray, "n"]) -> Shares:
     """How often each class is among pixels; those next to it count in part."""
     shares = np.bincount(classes.ravel(), minlength=int(np.prod(_SIZES))).reshape(_SIZES)
-    for size in _SIZES:  # each axis becomes the last one in its turn
+    for size in _SIZES:  # each axis becomes the last in turn; SciPy need not be installed
         apart = np.subtract.outer(np.arange(size), np.arange(size))
         shares = np.tensordot(shares, np.exp(-0.5 * (apart / _BLUR) ** 2), (0, 0))
     return np.asarray(shares.ravel() / max(float(shares.sum()), 1.0))

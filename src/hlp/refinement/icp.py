@@ -87,12 +87,11 @@ def align_to_depth(
     limits = _COARSE * model.diameter if limits is None else limits
     surface = sample_surface(model.proxy, count)
     points = surface.points - model.centroid
-    rotations = poses_cam_obj[:, :3, :3]
+    rotations = np.ascontiguousarray(poses_cam_obj[:, :3, :3])
     centers = transform(poses_cam_obj, model.centroid[None])[:, 0]
     damping = np.diag(np.repeat([_ROTATION * model.diameter**2, _TRANSLATION], 3))
     for limit in limits:
         image = seen.depth, seen.camera_matrix, limit
-        rotations = np.ascontiguousarray(rotations)
         sums = _sum_products(rotations, centers, points, surface.normals, *image)
         paired = np.trace(sums[:, 3:6, 3:6], axis1=1, axis2=2)  # the normals' lengths are 1
         products = sums[:, :6, :6] + np.maximum(paired, 1.0)[:, None, None] * damping

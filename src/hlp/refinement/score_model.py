@@ -89,7 +89,7 @@ class ScoreModel(Stored):
         if fmean(raised(0.0)) >= FOUND_SHARE:
             return raised(0.0)
         low, high = 0.0, highest
-        for _ in range(50):  # halvings, to the last digits
+        for _ in range(50):  # halvings, to the last digits; SciPy need not be installed
             middle = (low + high) / 2.0
             low, high = (middle, high) if fmean(raised(middle)) < FOUND_SHARE else (low, middle)
         return raised(high)
