@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol, overload, runtime_checkable
 
 import numpy as np
 
@@ -65,6 +65,24 @@ def content_hash(files: Sequence[Path], extra: str = "") -> str:
     return digest.hexdigest()
 
 
+class _DecodedFrames(Sequence[Frame]):
+    """All frames of a source, each decoded whenever it is asked for, and not kept."""
+
+    def __init__(self, source: FrameSource) -> None:
+        self._source = source
+
+    def __len__(self) -> int:
+        return len(self._source.keys)
+
+    @overload
+    def __getitem__(self, place: int) -> Frame: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Frame]: ...
+    def __getitem__(self, place: int | slice) -> Frame | list[Frame]:
+        keys, load = self._source.keys[place], self._source.load
+        return load(keys) if isinstance(keys, str) else [load(key) for key in keys]
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainingImages:
     """Images without any target object, which training takes.
@@ -83,10 +101,12 @@ class TrainingImages:
             return procedural_backgrounds(count, size, rng)
         return photograph_crops(self.photographs, count, size, rng)
 
-    def load_background_frames(self) -> list[Frame]:
-        """RGB-D frames for backgrounds of objects in training; empty if there are none."""
-        source = self.background_frames
-        return [] if source is None else [source.load(key) for key in source.keys]
+    def load_background_frames(self) -> Sequence[Frame]:
+        """RGB-D frames for backgrounds of objects in training; empty if there are none.
+
+        None is held in memory: forty take a hundred megabytes.
+        """
+        return () if self.background_frames is None else _DecodedFrames(self.background_frames)
 
     def require_encoder_frames(self) -> FrameSource:
         """The frames that train the autoencoder. Raises ConfigError if there are none."""

@@ -44,6 +44,7 @@ def train_classifier(
         copy_weights(module.network, start.weights, start.labels)
         epochs = start.epochs
     fit(module, data, module.network, epochs, settings.trainer, folder)
+    free_memory()
     prior = max(settings.classifier.prior_objects or 0, len(models))
     pool = settings.pool
     raise_background(module.network, pool.object_odds(len(models)) / pool.object_odds(prior))

@@ -50,16 +50,12 @@ def build_codebook(
         rows = sample - first[start]
         sampled.append(block[rows[(rows >= 0) & (rows < len(block))]])
     entries, some = np.concatenate(features), join(sampled)
-    features.clear()
-    sampled.clear()
+    poses = np.repeat(views.poses_cam_obj, np.diff(first), axis=0)
+    del features, sampled, views  # the views' files count as memory while they are mapped
     seen = degrade_patches(some, np.arange(len(some)), size, settings.seed)
     nearest = ExactNeighbours(entries, 1).nearest_distances(encoder.encode(seen))
     return make_codebook(
-        model.object_id,
-        entries,
-        np.concatenate(points),
-        np.repeat(views.poses_cam_obj, np.diff(first), axis=0),
-        float(np.median(nearest)),
+        model.object_id, entries, np.concatenate(points), poses, float(np.median(nearest))
     )
 
 
