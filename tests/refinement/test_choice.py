@@ -8,6 +8,7 @@ import pytest
 from hlp.records import Hypotheses
 from hlp.refinement.choice import refine_and_choose
 from hlp.refinement.refiner import Refinement
+from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Verifier, observe
 from refinement_scene import CAMERA, disturbed, error
 
@@ -20,10 +21,11 @@ class Recorder:
         self.spent = []
         self.searched_again = []
 
-    def refine(self, model, observation, hypotheses, seed, spent=0.0):
+    def refine(self, model, observation, hypotheses, seed, spent=0.0, is_hopeless=None):
         self.asked.append(hypotheses.poses_cam_obj)
         self.spent.append(spent)
-        return [Refinement(pose, 1) for pose in hypotheses.poses_cam_obj]
+        poses, judge = hypotheses.poses_cam_obj, is_hopeless or (lambda _: False)
+        return [Refinement(pose, 1, judge(pose)) for pose in poses]
 
     def second_search(self, model, observation, answer, seed, spent=0.0):
         self.searched_again.append(answer.pose_cam_obj)
@@ -32,14 +34,23 @@ class Recorder:
 
 
 def try_to_choose(
-    scene, verification, refiner, poses, candidates=8, max_improvement=0.1, support=None, most=None
+    scene,
+    verification,
+    refiner,
+    poses,
+    candidates=8,
+    max_improvement=0.1,
+    support=None,
+    most=None,
+    early_score=None,
 ):
     # By default all have the same support, which therefore adds nothing to the cost.
     hypotheses = Hypotheses(poses, np.ones(len(poses)) if support is None else support)
     settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
     seen = observe(scene.rgb, scene.depth, CAMERA, settings)
     verifier = Verifier(scene.model, settings)
-    return refine_and_choose(refiner, verifier, seen, hypotheses, seed=3, candidates=most)
+    rules = {"candidates": most, "early_score": early_score, "min_score": 0.5}
+    return refine_and_choose(refiner, verifier, seen, hypotheses, seed=3, **rules)
 
 
 def choose(*args, **options):
@@ -79,6 +90,24 @@ def test_no_more_are_refined_than_asked_for(scene, verification, poses):
     np.testing.assert_array_equal(result.sources, np.argsort(costs)[:3])
     fewer = choose(scene, verification, Recorder(), poses, 3, max_improvement=1.0, most=2)
     np.testing.assert_array_equal(fewer.sources, np.argsort(costs)[:2])
+
+
+def test_what_scores_too_little_early_on_is_given_up_and_not_searched_again(
+    scene, verification, poses
+):
+    """Less than a thirtieth of the least score of an answer, by shape alone."""
+    for bias, given_up in ((-4.3, True), (-4.1, False)):
+        refiner = Recorder()
+        early_score = ScoreModel(bias, 0.0, 0.0)
+        result = choose(scene, verification, refiner, poses, early_score=early_score)
+        assert [one.given_up for one in result.refined] == [given_up] * len(result.refined)
+        assert len(refiner.searched_again) == (not given_up)
+
+
+def test_fewer_are_refined_of_an_object_that_may_be_absent(scene, verification, poses):
+    many, surely = np.concatenate([poses] * 3), ScoreModel(9.0, 0.0, 0.0)
+    given = scene, verification, Recorder(), many, 18, 1.0
+    assert [len(choose(*given, early_score=s).refined) for s in (None, surely)] == [18, 12]
 
 
 def test_hypotheses_that_cost_far_more_are_not_refined(scene, verification, poses):

@@ -1,12 +1,17 @@
 """How well a pose fits: known images, and the synthetic scene at right and wrong poses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import trimesh
 
+from hlp.geometry import rigid
+from hlp.records import ObjectModel
 from hlp.refinement.pose_fit import depth_correlation, measure_fit, slope_correlation
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
-from refinement_scene import CAMERA, disturbed
+from refinement_scene import CAMERA, as_mesh, disturbed
 
 SETTINGS = VerificationSettings()
 
@@ -91,3 +96,21 @@ def test_what_lies_outside_the_image_is_not_visible(scene, observation, verifier
     fit = measure_fit(verifier, observation, pose)
     assert fit.inside_fraction == pytest.approx(expected, abs=0.02)
     assert fit.visible_fraction == pytest.approx(expected * (1.0 - occluded), abs=0.02)
+
+
+@pytest.mark.parametrize("away", [0.0, 0.22])
+def test_a_side_is_narrow_by_its_share_of_the_broadest_and_colours_make_up_for_it(away):
+    """Of a carton of 120, 80 and 20 mm, wholly in the image and cut off by its border."""
+    carton = as_mesh(trimesh.creation.box((0.12, 0.08, 0.02)))
+    broad, narrow = np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    empty = np.zeros((240, 320, 3), np.uint8), np.ones((240, 320))
+    seen = observe(*empty, CAMERA, SETTINGS)
+    for colored, shares in ((False, (1.0, 0.25)), (True, (1.0, 1.0))):
+        mesh = replace(carton, colored=colored)
+        model = ObjectModel(1, "carton", mesh, mesh, 0.15, np.eye(4)[None], 0.1, 0.04)
+        verifier = Verifier(model, SETTINGS)
+        for rotation, share in zip((broad, narrow), shares, strict=True):
+            pose = rigid(rotation, np.array([away, 0.0, 0.8]))
+            fit = measure_fit(verifier, seen, pose)
+            assert (fit.inside_fraction < 1.0) == (away > 0.0)
+            assert fit.projected_share == pytest.approx(share, abs=0.07)  # perspective

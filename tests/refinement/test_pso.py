@@ -76,6 +76,27 @@ def test_a_pose_that_cannot_be_bettered_is_kept(settings):
     assert search(Bowl(start()), start(), CENTROID, few, np.random.default_rng(0))[1] == 4
 
 
+def test_a_hopeless_pose_is_given_up_early_and_any_other_is_not_affected(scene, settings):
+    """The question is asked once for each hypothesis, about the pose of that iteration."""
+    coarse = Hypotheses(np.stack([disturbed(scene, 15, 10, k) for k in range(3)]), np.ones(3))
+    asked = []
+
+    def the_second_is(pose):
+        asked.append(pose)
+        return len(asked) == 2
+
+    given = scene.model, scene.seen, coarse, 0
+    found = PsoRefiner(settings).refine(*given, is_hopeless=the_second_is)
+    alone = PsoRefiner(settings).refine(*given)
+    assert [one.given_up for one in found] == [False, True, False]
+    assert found[1].iterations == 4 < alone[1].iterations
+    np.testing.assert_array_equal(found[1].pose_cam_obj, asked[1])
+    four = PsoRefiner(replace(settings, iterations=4)).refine(*given)
+    np.testing.assert_array_equal([one.pose_cam_obj for one in four], asked)
+    for place in (0, 2):
+        np.testing.assert_array_equal(found[place].pose_cam_obj, alone[place].pose_cam_obj)
+
+
 def test_hypotheses_after_the_budget_stay_as_they_are(scene, settings):
     """`spent` belongs to the budget; without a budget it changes nothing."""
     coarse = Hypotheses(np.stack([disturbed(scene, 20, 20, 1)] * 2), np.ones(2))

@@ -162,6 +162,16 @@ def test_an_object_that_the_image_cuts_off_is_less_likely_right_known_to_be_ther
         assert away == pytest.approx(10.0 * 0.4**2)
 
 
+def test_a_narrow_side_is_less_likely_right_and_hardly_less_where_it_is_nearly_the_broadest():
+    broad = PoseFit(0.15, 0.9, 0.9, 1.0, 1.0)
+    away = [
+        logit(COLORLESS_PRIOR.score(broad))
+        - logit(COLORLESS_PRIOR.score(replace(broad, projected_share=share)))
+        for share in (1.0, 0.8, 0.5, 0.25)
+    ]
+    assert away == pytest.approx([0.0, 0.16, 2.5, 8.4375])
+
+
 def test_colours_and_the_border_are_no_part_of_the_fit():
     fits, right = drawn(400, ScoreModel(2.0, -20.0, 2.2), 5)
     told = [replace(fit, color=0.0, contrast=0.5, inside_fraction=0.5) for fit in fits]

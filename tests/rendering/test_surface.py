@@ -1,12 +1,20 @@
 """Colours read from a grid of cells, and samples of a surface."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 
-from hlp.geometry import back_project
+from hlp.geometry import back_project, rotation_matrices
 from hlp.records import Mesh, Texture
-from hlp.rendering.surface import color_grid, sample_surface, sample_texture, surface_and_normals
+from hlp.rendering.surface import (
+    broadest_side,
+    color_grid,
+    sample_surface,
+    sample_texture,
+    surface_and_normals,
+)
 
 
 def _box():
@@ -28,6 +36,14 @@ def test_samples_are_on_the_surface_as_dense_everywhere():
         share = on_side[:, axis].mean()
         assert abs(share - areas[axis] / areas.sum()) < 0.01
     np.testing.assert_allclose(np.linalg.norm(samples.normals, axis=1), 1.0)
+
+
+@pytest.mark.parametrize("quaternion", [(0.0, 0.0, 0.0, 1.0), (0.2, -0.5, 0.1, 0.8)])
+def test_the_broadest_side_of_a_box_is_its_largest_face(quaternion):
+    turn = rotation_matrices(np.array([quaternion]))[0]
+    box = _box()
+    turned = replace(box, vertices=box.vertices @ turn.T + 0.3)
+    assert broadest_side(turned) == pytest.approx(0.10 * 0.12, rel=0.03)
 
 
 def test_the_grid_has_each_sides_colour_near_that_side():

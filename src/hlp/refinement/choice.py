@@ -12,12 +12,16 @@ from jaxtyping import Int
 
 from hlp.arrays import Flags, Pose, Poses, Rows, Values
 from hlp.records import Hypotheses
+from hlp.refinement.pose_fit import measure_fit
 from hlp.refinement.refiner import Refinement, Refiner, refinable
+from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Evidence, Observation, Verifier
 
 _FURTHER = 4  # hypotheses refined for one more instance where their number is not known
 _HOPELESS = 0.1  # if the best of the first two of these scores less, the others are left out
+_GIVEN_UP_SHARE = 0.03  # of min_score: a hypothesis that soon scores less is given up (D)
+_IF_THERE = 12  # hypotheses refined at first of an object with colours that may be absent (D)
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 
@@ -61,6 +65,7 @@ def refine_and_choose(
     min_score: float = 0.0,
     enter: Callable[[str], None] = lambda part: None,
     candidates: int | None = None,
+    early_score: ScoreModel | None = None,
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose those of lowest verification cost.
 
@@ -77,11 +82,12 @@ def refine_and_choose(
     than half of the agreeing pixels are not explained by an instance that was chosen before.
     `unexplained` is the observation without what other objects explain already (None: they explain
     nothing). With a `score` of poses the number of instances is not known: one below `min_score` is
-    the last, and a further one is given up early where the first poses are hopeless. `enter` is
-    called with each part that begins: refine, verify or second_search.
+    the last, and a further one is given up early where the first poses are hopeless. With an
+    `early_score`, fewer are refined, and one is given up whose shape soon scores hopelessly little.
+    `enter` is called with each part that begins: refine, verify or second_search.
     """
     seen = refiner, verifier, observation, hypotheses, seed, unexplained
-    search = _InstanceSearch(*seen, score, min_score, enter, candidates)
+    search = _InstanceSearch(*seen, score, min_score, enter, candidates, early_score)
     for _ in range(instances):
         chosen = search.choose_next()
         if chosen is None or search.scores_below(chosen, min_score):
@@ -103,6 +109,7 @@ class _InstanceSearch:
     min_score: float
     enter: Callable[[str], None]
     candidates: int | None
+    early_score: ScoreModel | None
 
     def __post_init__(self) -> None:
         self._begun = time.perf_counter()
@@ -139,6 +146,17 @@ class _InstanceSearch:
         limit = min(_HOPELESS, self.min_score)
         return bool(self._instances) and self.scores_below(pose_cam_obj, limit)
 
+    def _is_given_up(self, pose_cam_obj: Pose) -> bool:
+        """Whether a pose fits too badly to become an answer, judged by shape alone.
+
+        Colours contradict a pose that is not exact yet. Objects without colours have no such score:
+        it depends on other answers.
+        """
+        assert self.early_score is not None
+        of = self.verifier, self.observation, pose_cam_obj
+        fit = measure_fit(*of, with_colors=False)
+        return self.early_score.score(fit) < _GIVEN_UP_SHARE * self.min_score
+
     def choose_next(self) -> Pose | None:
         """Refine what may be the next instance, choose one, search again about it; None if none."""
         if self._instances:
@@ -158,7 +176,8 @@ class _InstanceSearch:
             pose = choose_by_texture(self.observation, self._model, refined.pose_cam_obj)
             self._refined[row] = replace(refined, pose_cam_obj=pose)
             self._costs[rows] = self._competing_costs(rows)
-        if not self._is_hopeless(self._refined[row].pose_cam_obj):
+        chosen = self._refined[row]
+        if not (chosen.given_up or self._is_hopeless(chosen.pose_cam_obj)):
             self._search_again(row, rows)
         self._instances.append(row)
         return self._refined[row].pose_cam_obj
@@ -168,6 +187,8 @@ class _InstanceSearch:
         candidates = self.candidates or self.verifier.settings.candidates
         if self._instances and self.score is not None:
             candidates = min(candidates, _FURTHER)  # most such searches find none
+        elif self.early_score is not None:
+            candidates = min(candidates, _IF_THERE)
         coarse_costs = self.verifier.weigh(self._evidence)
         free = self._is_free(self._poses[self._order], self._evidence)
         free &= ~np.isin(self._order, self._sources)
@@ -183,9 +204,8 @@ class _InstanceSearch:
             # The refiner numbers each batch's hypotheses from 0.
             batch_seed = self.seed + len(self._refined)
             self.enter("refine")
-            found = self.refiner.refine(
-                self._model, self.observation, batch, batch_seed, self._spent()
-            )
+            of = self._model, self.observation, batch, batch_seed, self._spent()
+            found = self.refiner.refine(*of, self._is_given_up if self.early_score else None)
             self.enter("verify")
             self._refined += found
             self._sources += rows.tolist()

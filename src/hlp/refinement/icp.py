@@ -15,7 +15,7 @@ from hlp.arrays import CameraMatrix, Points, Poses, Values
 from hlp.geometry import rigid, rotation_matrices, transform
 from hlp.kernels import compiled_ahead
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel
-from hlp.refinement.refiner import REFINERS, Refinement, Refiner
+from hlp.refinement.refiner import REFINERS, IsHopeless, Refinement, Refiner
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.rendering.surface import sample_surface
 from hlp.settings import Count, Doc, Positive, Settings
@@ -59,8 +59,9 @@ class IcpRefiner(Refiner):
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
+        is_hopeless: IsHopeless | None = None,
     ) -> list[Refinement]:
-        """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
+        """See `Refiner.refine`. Nothing is random or timed, and all poses take the same steps."""
         settings = self._settings
         ends = settings.max_correspondence_mm, settings.final_max_correspondence_mm
         limits = np.geomspace(*ends, settings.iterations) / MILLIMETRES_PER_METRE

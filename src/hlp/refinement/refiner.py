@@ -1,5 +1,6 @@
 """Interface of the refiners, and which coarse poses they accept."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -14,10 +15,15 @@ from hlp.settings import Registry, Settings
 
 @dataclass(frozen=True)
 class Refinement:
-    """A refined pose and the number of iterations it took."""
+    """A refined pose and the number of iterations it took; whether it was given up as hopeless."""
 
     pose_cam_obj: Pose
     iterations: int
+    given_up: bool = False
+
+
+IsHopeless = Callable[[Pose], bool]
+"""Whether a pose will not become right by being refined."""
 
 
 class Refiner(Protocol):
@@ -30,11 +36,13 @@ class Refiner(Protocol):
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
+        is_hopeless: IsHopeless | None = None,
     ) -> list[Refinement]:
         """One refinement per hypothesis, in the same order; all are `refinable`.
 
         `spent` (s) is the part of the refiner's time budget that is already used. Without a budget,
-        equal inputs and seeds give equal poses.
+        equal inputs and seeds give equal poses. A hypothesis whose pose `is_hopeless` after some
+        iterations may be given up: it is left as it then is.
         """
 
     def second_search(
@@ -124,6 +132,7 @@ class NoneRefiner(Refiner):
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
+        is_hopeless: IsHopeless | None = None,
     ) -> list[Refinement]:
-        """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
+        """See `Refiner.refine`. Only the hypotheses are used: nothing is random or timed."""
         return [Refinement(pose, 0) for pose in hypotheses.poses_cam_obj]

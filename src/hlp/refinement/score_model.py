@@ -31,6 +31,7 @@ _AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
 _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
 _HIGHEST_CONTRAST = 0.8
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
+_NARROW = 20.0  # of the logit, times the cubed share of the broadest side's area that lacks (D)
 _LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
 _NOISE_MM = 3.0  # of depth; a plane deviation of this size tells half of what a large one tells (D)
@@ -41,10 +42,12 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 class ScoreModel(Stored):
     """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
-    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b², where c is the verification
-    cost, e the distance of the outline to edges of the image, h the hidden fraction, a what the
-    appearance tells, d how much the colours contradict, and b the fraction beyond the image's
-    border: what the image does not show contradicts no pose, so wrong ones gather there. z is the
+    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 20·n³, where c is the
+    verification cost, e the distance of the outline to edges of the image, h the hidden fraction, a
+    what the appearance tells, d how much the colours contradict, and b the fraction beyond the
+    image's border: what the image does not show contradicts no pose, so wrong ones gather there. n
+    is the share by which the silhouette is smaller than the object's broadest side: parts rarely
+    stand on edge, and a narrow rectangle is like many things; 0 for objects with colours. z is the
     mean Fisher transform artanh(r) of the correlations r of depth and slope, drawn to a neutral
     value where the model itself is nearly a plane. `cost`, `edge` and `hidden` are at most 0 and
     `shape` at least 0: the score never falls when the fit is better. An object of which less than
@@ -67,6 +70,7 @@ class ScoreModel(Stored):
     def _probability(self, fit: PoseFit, contradiction: float = 0.0, more: float = 0.0) -> float:
         logit = self.weights(more) @ np.array([1.0, *_inputs([fit])[0]])
         logit += fit.appearance - contradiction - _CUT_OFF * (1.0 - fit.inside_fraction) ** 2
+        logit -= _NARROW * (1.0 - fit.projected_share) ** 3
         return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
     def scores(self, fits: Sequence[PoseFit], known_present: bool = False) -> list[float]:

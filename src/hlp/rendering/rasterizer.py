@@ -88,10 +88,13 @@ def render_depth(
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
 
     def draw(index: int) -> None:
-        points = transform(poses_cam_obj[index], mesh.vertices)
-        inverse_depth, triangles = _empty(shape)
-        _draw(points, faces, camera_matrix, inverse_depth, triangles, 0)
-        depth[index] = _depth(inverse_depth)
+        corners = _corners(transform(poses_cam_obj[index], mesh.vertices), camera_matrix)
+        (left, top), (right, bottom) = _box(corners, shape)
+        # Whole pixels are subtracted without rounding: the same bits as in the whole image.
+        corners[:, :2] -= left, top
+        inverse_depth, triangles = _empty((bottom - top, right - left))
+        fill_triangles(corners, faces, inverse_depth, triangles, 0)
+        depth[index, top:bottom, left:right] = _depth(inverse_depth)
 
     ThreadTeam(threads).map(draw, len(depth))
     return depth
@@ -133,7 +136,8 @@ def render_scene(
             np.ascontiguousarray(mesh.colors),
             np.ascontiguousarray(pose[:3, :3]),
         )
-        _draw(surface.points_cam, surface.faces, camera_matrix, inverse_depth, triangles, first)
+        corners = _corners(surface.points_cam, camera_matrix)
+        fill_triangles(corners, surface.faces, inverse_depth, triangles, first)
         drawn.append(surface)
         first += len(surface.faces)
     rgb = np.zeros((*shape, 3), dtype=np.uint8)
@@ -149,22 +153,24 @@ def _empty(shape: tuple[int, int]) -> tuple[Image, Int32[np.ndarray, "h w"]]:
     return np.zeros(shape), np.full(shape, -1, dtype=np.int32)
 
 
-def _draw(
-    points_cam: Points,
-    faces: Int32[np.ndarray, "f 3"],
-    camera_matrix: CameraMatrix,
-    inverse_depth: Image,
-    triangles: Int32[np.ndarray, "h w"],
-    first: int,
-) -> None:
-    """Draw triangles in camera space, see `fill_triangles`."""
+def _corners(points_cam: Points, camera_matrix: CameraMatrix) -> Points:
+    """Vertices as `fill_triangles` takes them."""
     z = points_cam[:, 2]
     inverse = np.where(z >= NEAR, 1.0 / np.where(z >= NEAR, z, 1.0), 0.0)
     corners = np.empty((len(points_cam), 3))
     corners[:, 0] = points_cam[:, 0] * inverse * camera_matrix[0, 0] + camera_matrix[0, 2]
     corners[:, 1] = points_cam[:, 1] * inverse * camera_matrix[1, 1] + camera_matrix[1, 2]
     corners[:, 2] = inverse
-    fill_triangles(corners, faces, inverse_depth, triangles, first)
+    return corners
+
+
+def _box(corners: Points, shape: tuple[int, int]) -> Int[np.ndarray, "2 2"]:
+    """First pixel (x, y) and the one past the last that corners in front of the camera span."""
+    drawn, end = corners[corners[:, 2] > 0.0, :2], np.array(shape[::-1])
+    if len(drawn) == 0:
+        return np.zeros((2, 2), dtype=np.int64)
+    first = np.clip(np.floor(drawn.min(axis=0)), 0, end).astype(np.int64)
+    return np.stack([first, np.clip(np.ceil(drawn.max(axis=0)) + 1, first, end).astype(np.int64)])
 
 
 def _depth(inverse_depth: Image) -> Image:

@@ -1,4 +1,4 @@
-"""Points and normals of surfaces: spread over a mesh, with colours, or seen in a depth image."""
+"""Points, normals and sides of surfaces: spread over a mesh, with colours, or seen in an image."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -7,14 +7,17 @@ import numpy as np
 from jaxtyping import Float32
 
 from hlp.arrays import CameraMatrix, Image, Mask, Point, Points, Positions
+from hlp.geometry import rigid
 from hlp.kernels import compiled, compiled_ahead
 from hlp.records import ColorGrid, Mesh, Texture
+from hlp.rendering.rasterizer import render_depth
 
 # Two irrational steps whose multiples fill the unit square evenly (Roberts' R2 sequence).
 _STEPS = (0.7548776662466927, 0.5698402909980532)
 _CELLS = 160  # along the bounding box's diagonal: 1.2 mm for 20 cm, a pixel's width at 0.7 m
 _SAMPLES_PER_CELL = 3.0
 _BLUR = 1.2  # cells
+_FAR, _RADIUS = 100, 64  # a side is measured from so many radii away, with so many pixels a radius
 _MARGIN = 4  # cells around the bounding box
 
 
@@ -73,6 +76,20 @@ def color_grid(mesh: Mesh) -> ColorGrid:
     colour of the nearest cell with a surface. The grid is made once for each mesh.
     """
     return _made(mesh) if mesh.color_grid is None else mesh.color_grid
+
+
+@lru_cache(maxsize=64)
+def broadest_side(mesh: Mesh) -> float:
+    """Area (m²) of the largest of a mesh's three silhouettes along its principal axes."""
+    middle, (_, axes) = mesh.vertices.mean(axis=0), np.linalg.eigh(np.cov(mesh.vertices.T))
+    radius = float(np.linalg.norm(mesh.vertices - middle, axis=1).max())
+    turns = np.stack([np.roll(axes.T, shift, axis=0) for shift in range(3)])
+    poses = rigid(turns, np.array([0.0, 0.0, _FAR * radius]) - turns @ middle)
+    focal, center = float(_FAR * _RADIUS), float(_RADIUS)
+    camera_matrix = np.array([[focal, 0.0, center], [0.0, focal, center], [0.0, 0.0, 1.0]])
+    shape = 2 * _RADIUS + 1, 2 * _RADIUS + 1
+    drawn = np.count_nonzero(render_depth(mesh, poses, camera_matrix, shape), axis=(1, 2))
+    return float(drawn.max()) * (radius / _RADIUS) ** 2
 
 
 @lru_cache(maxsize=64)

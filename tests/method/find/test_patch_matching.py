@@ -123,6 +123,15 @@ def places(found):
     return len(np.unique(np.concatenate([patches.pixels for patches, _ in found]), axis=0))
 
 
+def test_a_further_look_at_one_object_encodes_only_what_is_new(frame):
+    first, second, _ = regions(frame)
+    encoder = Encoder()
+    of_frame = matches_of(frame, encoder, OWN)
+    found = [of_frame.match(next(iter(MODELS)), pixels) for pixels in (first, second)]
+    assert encoder.seen == places(found) < sum(len(patches) for patches, _ in found)
+    assert_same(found[1], matches_of(frame, settings=OWN).match(next(iter(MODELS)), second))
+
+
 @pytest.mark.parametrize("shared_first", [False, True])
 def test_each_patch_is_cut_once_and_is_what_it_would_be_alone(shared_first, frame):
     encoder = Encoder()

@@ -213,6 +213,8 @@ class Attempts:
 
     def poses(self, least: float) -> list[Pose]:
         """Those of at least that score, each of another instance, the most likely first."""
+        if not self._colorless and all(answer.score < least for answer in self._answers):
+            return []  # scores of objects without colours depend on other answers
         return [answer.pose for answer in self._different() if answer.score >= least]
 
     def merged(self) -> RefinedHypotheses | None:

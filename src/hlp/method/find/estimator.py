@@ -246,14 +246,14 @@ class PoseEstimator:
     ) -> RefinedHypotheses | None:
         """Stage 3: refine the promising hypotheses and choose the best (paper, section 3.3).
 
-        At most as many `instances` are chosen as there are things that look like the object, which
-        other objects do not explain (`unexplained`: the rest of the image; None: all of it). The
-        first one with a score below `min_score` is the last. At most `candidates` hypotheses are
-        refined for each (None: as the settings say). None if there is no hypothesis.
+        At most as many `instances` are chosen as there are things that look like the object in what
+        others leave (`unexplained`; None: all). The first one with a score below `min_score` is the
+        last. At most `candidates` hypotheses are refined for each (None: as the settings say).
         """
         if len(hypotheses) == 0:
             return None
         context.observer("screen")
+        early = min_score is not None and not self.has_templates(object_id)
         return refine_and_choose(
             self._refiner,
             self.verifier(object_id),
@@ -266,6 +266,7 @@ class PoseEstimator:
             min_score or 0.0,
             context.observer,
             candidates,
+            self.score_model(object_id) if early else None,
         )
 
     def follow(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Pose:
@@ -296,5 +297,4 @@ class PoseEstimator:
 
     def score(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> float:
         """The probability that a pose is right, by its fit."""
-        fit = self.measure_fit(context, object_id, pose_cam_obj)
-        return self.score_model(object_id).score(fit)
+        return self.score_model(object_id).score(self.measure_fit(context, object_id, pose_cam_obj))

@@ -145,8 +145,9 @@ class PatchMatching:
 class FrameMatches:
     """The patches of one frame and their nearest entries.
 
-    Where objects are searched jointly, a patch is cut, encoded and looked up once, for whichever
-    object first needs it. Several threads may ask for patches at once.
+    A patch is cut, encoded and looked up once, for whichever look at an object first needs it, or
+    for whichever of the objects that are searched jointly. Several threads may ask for patches at
+    once.
     """
 
     def __init__(self, matching: PatchMatching, frame: Frame, observer: Observer = nobody) -> None:
@@ -165,8 +166,6 @@ class FrameMatches:
     def match(self, object_id: int, pixels: Pixels) -> tuple[LocalPatches, Matches]:
         """The patches at those of the pixels (x, y) that have one, and their nearest entries."""
         group = self._matching.group(object_id)
-        if not self._matching.joint:
-            return self._look_up(group, pixels)
         patches, matches = self._looked_up_once(group, pixels)
         return patches, group.of_object(object_id, matches)
 
@@ -197,10 +196,12 @@ class FrameMatches:
             if group not in self._known:
                 self._known[group] = _Known(self._frame.depth.shape)
             known = self._known[group]
+        with known.lock:
             missing = known.rows[y, x] == _UNKNOWN
             if missing.any() or not known.found:
                 new, team = pixels[missing], self._matching.team
-                count = max(min(team.threads, len(new) // _PER_THREAD), 1)
+                at_once = team.threads if self._matching.joint else 1
+                count = max(min(at_once, len(new) // _PER_THREAD), 1)
                 parts = np.array_split(new, count)
                 known.add(new, team.map(lambda part: self._look_up(group, parts[part]), count))
             rows = known.rows[y, x]
@@ -216,6 +217,7 @@ class _Known:
     """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
+        self.lock = threading.Lock()
         self.rows = np.full(shape, _UNKNOWN)
         self.found: list[tuple[LocalPatches, Matches]] = []
 
