@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hlp.records import Hypotheses
-from hlp.refinement.choice import refine_and_choose
+from hlp.refinement.choice import InstanceSearch
 from hlp.refinement.refiner import Refinement
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Verifier, observe
@@ -40,17 +40,16 @@ def try_to_choose(
     poses,
     candidates=8,
     max_improvement=0.1,
-    support=None,
     most=None,
     early_score=None,
 ):
-    # By default all have the same support, which therefore adds nothing to the cost.
-    hypotheses = Hypotheses(poses, np.ones(len(poses)) if support is None else support)
+    # All have the same support, which therefore adds nothing to the cost.
+    hypotheses = Hypotheses(poses, np.ones(len(poses)))
     settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
     seen = observe(scene.rgb, scene.depth, CAMERA, settings)
     verifier = Verifier(scene.model, settings)
     rules = {"candidates": most, "early_score": early_score, "min_score": 0.5}
-    return refine_and_choose(refiner, verifier, seen, hypotheses, seed=3, **rules)
+    return InstanceSearch(refiner, verifier, seen, hypotheses, seed=3, **rules).find()
 
 
 def choose(*args, **options):
@@ -117,21 +116,6 @@ def test_hypotheses_that_cost_far_more_are_not_refined(scene, verification, pose
     few = choose(scene, verification, Recorder(), poses, max_improvement=apart * 0.9)
     more = choose(scene, verification, Recorder(), poses, max_improvement=apart * 1.1)
     assert len(few.refined) == 2 < len(more.refined)
-
-
-def test_costly_hypotheses_of_little_support_are_not_refined(scene, verification, poses):
-    costs = costs_of(scene, verification, poses)
-    limit = float(np.sort(costs)[1:3].mean())
-    strict = replace(verification, unlikely_cost=limit, little_support=0.5)
-    worst = int(costs.argmax())
-    supported = np.full(len(poses), 0.4)
-    supported[worst] = 0.5
-    result = choose(scene, strict, Recorder(), poses, max_improvement=1.0, support=supported)
-    assert sorted(result.sources) == sorted([*np.flatnonzero(costs < limit), worst])
-    hopeless = poses[costs > limit]
-    few = np.full(len(hopeless), 0.4)
-    assert try_to_choose(scene, strict, Recorder(), hopeless, support=few) is None
-    assert try_to_choose(scene, verification, Recorder(), hopeless, support=few) is not None
 
 
 class SecondSearch(Recorder):

@@ -14,7 +14,6 @@ from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import (
     COLORLESS_PRIOR,
     COLORLESS_SPREAD,
-    FOUND_SHARE,
     PRIOR,
     ScoreModel,
     fit_score_model,
@@ -56,19 +55,34 @@ def known_score(model, fit):
     return score
 
 
-def test_of_many_without_colours_that_are_there_seven_of_ten_are_taken_to_be_found():
-    looks = ((0.1, 0.02), (0.2, 0.15), (0.3, 0.4))
-    good, fair, bad = (PoseFit(cost, 0.5, 0.5, 1.0, 1.0, edge=edge) for cost, edge in looks)
-    model = COLORLESS_PRIOR
-    for fits in ([fair] * 4, [good, fair, fair, bad]):
-        alone, known = (np.array(model.scores(fits, there)) for there in (False, True))
-        assert alone.tolist() == [model.score(fit) for fit in fits]
-        assert np.mean(alone) < np.mean(known) <= FOUND_SHARE + 1e-6
-        raised = np.log(known / (1.0 - known)) - np.log(alone / (1.0 - alone))
-        np.testing.assert_allclose(raised, raised[0], atol=1e-9)
-        assert 0.0 < raised[0] <= np.log(9.0 / 1.5) + 1e-9
-    assert model.scores([good] * 4, known_present=True) == model.scores([good] * 4)
-    assert PRIOR.scores([], known_present=True) == []
+def test_of_several_without_colours_one_that_fits_worse_than_the_surest_is_less_likely_right():
+    """Beside its own logit: 30 and 15 for cost and edge, beyond .05 more than those of others."""
+    looks = [(0.10, 0.02, 0.6), (0.12, 0.05, 0.4), (0.22, 0.03, 0.5), (0.11, 0.18, 0.5)]
+    fits = [PoseFit(cost, z, z, 1.0, 1.0, edge=edge) for cost, edge, z in looks]
+    alone = np.array([known_score(COLORLESS_PRIOR, fit) for fit in fits])
+    np.testing.assert_allclose(
+        logit(alone), logit([COLORLESS_PRIOR.score(fit) for fit in fits]) + np.log(9.0 / 1.5)
+    )
+    expected = []
+    for own, (cost, edge, _) in enumerate(looks):
+        others = [(alone[i] ** 2, look) for i, look in enumerate(looks) if i != own]
+        total = sum(weight for weight, _ in others)
+        usual = [sum(w * look[k] for w, look in others) / total for k in (0, 1)]
+        worse = 30.0 * max(cost - usual[0] - 0.05, 0.0) + 15.0 * max(edge - usual[1] - 0.05, 0.0)
+        expected.append(logit(alone[own]) - worse)
+    told = COLORLESS_PRIOR.scores(fits, known_present=True)
+    np.testing.assert_allclose(logit(told), expected)
+    assert told[2] < alone[2] and told[3] < alone[3] and told[0] == pytest.approx(alone[0])
+    unsure = [replace(fit, edge=fit.edge + 0.5) for fit in fits[1:3]]
+    assert known_scores(unsure) == [known_score(COLORLESS_PRIOR, fit) for fit in unsure]
+    assert COLORLESS_PRIOR.scores(fits) == [COLORLESS_PRIOR.score(fit) for fit in fits]
+    colored = [known_score(PRIOR, fit) for fit in fits]
+    assert PRIOR.scores(fits, known_present=True) == colored
+    assert PRIOR.scores([], known_present=True) == known_scores([]) == []
+
+
+def known_scores(fits):
+    return COLORLESS_PRIOR.scores(fits, known_present=True)
 
 
 def test_weights_are_the_minimum_of_the_penalised_likelihood():

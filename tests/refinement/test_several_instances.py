@@ -6,7 +6,7 @@ import numpy as np
 
 from hlp.geometry import transform
 from hlp.records import Hypotheses
-from hlp.refinement.choice import refine_and_choose
+from hlp.refinement.choice import InstanceSearch
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import NoneSettings, Refinement
 from hlp.refinement.verification import Verifier, observe
@@ -21,16 +21,16 @@ def find(row, poses, verification, count, **given):
     settings = replace(
         verification, candidates=8, max_improvement=given.get("max_improvement", 0.1)
     )
-    return refine_and_choose(
+    search = InstanceSearch(
         refiner,
         Verifier(scene.model, settings),
         observe(scene.rgb, scene.depth, CAMERA, settings),
         Hypotheses(poses, np.ones(len(poses))),
         seed=3,
-        instances=count,
         score=given.get("score"),
         min_score=0.5,
     )
+    return search.find(count)
 
 
 def centres(row, found):

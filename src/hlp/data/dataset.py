@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol, overload, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -74,11 +74,7 @@ class _DecodedFrames(Sequence[Frame]):
     def __len__(self) -> int:
         return len(self._source.keys)
 
-    @overload
-    def __getitem__(self, place: int) -> Frame: ...
-    @overload
-    def __getitem__(self, place: slice) -> list[Frame]: ...
-    def __getitem__(self, place: int | slice) -> Frame | list[Frame]:
+    def __getitem__(self, place: Any) -> Any:
         keys, load = self._source.keys[place], self._source.load
         return load(keys) if isinstance(keys, str) else [load(key) for key in keys]
 

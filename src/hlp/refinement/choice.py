@@ -53,63 +53,38 @@ class RefinedHypotheses:
         return [self.refined[row].pose_cam_obj for row in self.instances]
 
 
-def refine_and_choose(
-    refiner: Refiner,
-    verifier: Verifier,
-    observation: Observation,
-    hypotheses: Hypotheses,
-    seed: int,
-    instances: int = 1,
-    unexplained: Observation | None = None,
-    score: Callable[[Pose], float] | None = None,
-    min_score: float = 0.0,
-    enter: Callable[[str], None] = lambda part: None,
-    candidates: int | None = None,
-    early_score: ScoreModel | None = None,
-) -> RefinedHypotheses | None:
-    """Refine the most promising hypotheses, choose those of lowest verification cost.
+@dataclass
+class InstanceSearch:
+    """Refines the most promising hypotheses, chooses those of lowest verification cost.
 
-    Hypotheses that are not finite or lie behind the camera are dropped, and those that are not
-    likely (`Verifier.are_likely`); None if no other is left. The rest is refined in order of
-    verification cost, two at a time and at most `candidates` (None: the verifier's), until the next
-    one costs more than the best refined pose by `max_improvement`: refinement hardly ever lowers a
-    cost by that much.
+    Hypotheses that are not finite or lie behind the camera are dropped. The rest is refined in
+    order of verification cost, two at a time and at most `candidates` (None: the verifier's), until
+    the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
+    lowers a cost by that much.
     Of the poses that depth cannot tell from the chosen one (`ObjectModel.near_symmetries`), that
     whose colours agree best with the image takes its place. Then it is searched again, in a smaller
     box; what that finds is kept unless its cost, among the refined poses, is higher than before.
 
-    This is repeated for every further one of up to `instances`, with the hypotheses for which more
-    than half of the agreeing pixels are not explained by an instance that was chosen before.
-    `unexplained` is the observation without what other objects explain already (None: they explain
-    nothing). With a `score` of poses the number of instances is not known: one below `min_score` is
-    the last, and a further one is given up early where the first poses are hopeless. With an
-    `early_score`, fewer are refined, and one is given up whose shape soon scores hopelessly little.
-    `enter` is called with each part that begins: refine, verify or second_search.
+    This is repeated for every further instance, with the hypotheses for which more than half of the
+    agreeing pixels are not explained by an instance that was chosen before. `unexplained` is the
+    observation without what other objects explain already (None: they explain nothing). With a
+    `score` of poses the number of instances is not known: one below `min_score` is the last, and a
+    further one is given up early where the first poses are hopeless. With an `early_score`, fewer
+    are refined, and one is given up whose shape soon scores hopelessly little. `enter` is called
+    with each part that begins: refine, verify or second_search.
     """
-    seen = refiner, verifier, observation, hypotheses, seed, unexplained
-    search = _InstanceSearch(*seen, score, min_score, enter, candidates, early_score)
-    for _ in range(instances):
-        chosen = search.choose_next()
-        if chosen is None or search.scores_below(chosen, min_score):
-            break
-    return search.result()
-
-
-@dataclass
-class _InstanceSearch:
-    """Refines hypotheses as far as they are needed, and chooses one instance after another."""
 
     refiner: Refiner
     verifier: Verifier
     observation: Observation
     hypotheses: Hypotheses
     seed: int
-    unexplained: Observation | None
-    score: Callable[[Pose], float] | None
-    min_score: float
-    enter: Callable[[str], None]
-    candidates: int | None
-    early_score: ScoreModel | None
+    unexplained: Observation | None = None
+    score: Callable[[Pose], float] | None = None
+    min_score: float = 0.0
+    enter: Callable[[str], None] = lambda part: None
+    candidates: int | None = None
+    early_score: ScoreModel | None = None
 
     def __post_init__(self) -> None:
         self._begun = time.perf_counter()
@@ -120,7 +95,6 @@ class _InstanceSearch:
         found = self.verifier.evidence(self.observation, self._poses[usable])
         costs = self.verifier.weigh(found)
         ranking = np.argsort(costs, kind="stable")
-        ranking = ranking[self.verifier.are_likely(costs, self._support[usable])[ranking]]
         self._order = usable[ranking]
         self._evidence = Evidence(*(values[ranking] for values in found))
         self._refined: list[Refinement] = []
@@ -129,22 +103,26 @@ class _InstanceSearch:
         self._costs = np.zeros(0)
         self._instances: list[int] = []
 
-    def result(self) -> RefinedHypotheses | None:
-        """What was refined and chosen so far; None if nothing was chosen."""
+    def find(self, instances: int = 1) -> RefinedHypotheses | None:
+        """What was refined and chosen for up to so many instances; None if nothing was chosen."""
+        for _ in range(instances):
+            chosen = self._choose_next()
+            if chosen is None or self._scores_below(chosen, self.min_score):
+                break
         if not self._instances:
             return None
         sources, seeds = np.array(self._sources), np.array(self._seeds)
-        chosen = tuple(self._instances)
-        return RefinedHypotheses(self._refined, self._costs, sources, seeds, chosen)
+        chosen_rows = tuple(self._instances)
+        return RefinedHypotheses(self._refined, self._costs, sources, seeds, chosen_rows)
 
-    def scores_below(self, pose_cam_obj: Pose, limit: float) -> bool:
+    def _scores_below(self, pose_cam_obj: Pose, limit: float) -> bool:
         """Whether poses are scored, and this one lower."""
         return self.score is not None and self.score(pose_cam_obj) < limit
 
     def _is_hopeless(self, pose_cam_obj: Pose) -> bool:
         """Whether a pose shows that there is no further instance; the first one is looked for."""
         limit = min(_HOPELESS, self.min_score)
-        return bool(self._instances) and self.scores_below(pose_cam_obj, limit)
+        return bool(self._instances) and self._scores_below(pose_cam_obj, limit)
 
     def _is_given_up(self, pose_cam_obj: Pose) -> bool:
         """Whether a pose fits too badly to become an answer, judged by shape alone.
@@ -157,7 +135,7 @@ class _InstanceSearch:
         fit = measure_fit(*of, with_colors=False)
         return self.early_score.score(fit) < _GIVEN_UP_SHARE * self.min_score
 
-    def choose_next(self) -> Pose | None:
+    def _choose_next(self) -> Pose | None:
         """Refine what may be the next instance, choose one, search again about it; None if none."""
         if self._instances:
             before = self.observation if self.unexplained is None else self.unexplained

@@ -11,7 +11,6 @@ that cuts the object off, because in rendered scenes it lies well inside.
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from statistics import fmean
 
 import numpy as np
 from jaxtyping import Float
@@ -32,6 +31,9 @@ _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squar
 _HIGHEST_CONTRAST = 0.8
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
 _NARROW = 20.0  # of the logit, times the cubed share of the broadest side's area that lacks (D)
+_WORSE = np.array([30.0, 15.0])  # of the logit, for cost and edge beyond others' … (D)
+_USUAL = 0.05  # … and this (D)
+_ENOUGH = 0.25  # sum of the others' squared scores with which an instance is compared (D)
 _LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
 _NOISE_MM = 3.0  # of depth; a plane deviation of this size tells half of what a large one tells (D)
@@ -77,26 +79,24 @@ class ScoreModel(Stored):
         """The scores of the answers to all instances of the object in an image.
 
         They may be known to be there, as BOP's targets are. Colours that contradict then say more
-        of the light than of another object, and a small part of it is enough. An object without
-        colours is often one of many in a bin, where some are hidden: its scores are raised no
-        further than to a mean of `FOUND_SHARE`.
+        of the light than of another object, and a small part of it is enough. Of several without
+        colours, one is less likely right that fits worse than the surest others: noise and errors
+        of the model are the same for all instances in an image.
         """
         if not known_present:
             return [self.score(fit) for fit in fits]
-
-        def raised(more: float) -> list[float]:
-            return [self._probability(fit, more=more) for fit in fits]
-
-        highest = _logit(PRESENT_SHARE) - _logit(RIGHT_SHARE)
-        if not self.colorless or not fits or fmean(raised(highest)) <= FOUND_SHARE:
-            return raised(highest)
-        if fmean(raised(0.0)) >= FOUND_SHARE:
-            return raised(0.0)
-        low, high = 0.0, highest
-        for _ in range(50):  # halvings, to the last digits; SciPy need not be installed
-            middle = (low + high) / 2.0
-            low, high = (middle, high) if fmean(raised(middle)) < FOUND_SHARE else (low, middle)
-        return raised(high)
+        more = _logit(PRESENT_SHARE) - _logit(RIGHT_SHARE)
+        found = np.array([self._probability(fit, more=more) for fit in fits])
+        if not self.colorless or len(fits) < 2:
+            return [float(score) for score in found]
+        weights = np.tile(found**2, (len(fits), 1))
+        np.fill_diagonal(weights, 0.0)
+        total = weights.sum(axis=1, keepdims=True)
+        own = np.array([(fit.cost, fit.edge) for fit in fits])
+        others = weights @ own / np.maximum(total, _ENOUGH)
+        worse = np.where(total < _ENOUGH, 0.0, np.maximum(own - others - _USUAL, 0.0)) @ _WORSE
+        pairs = zip(fits, worse, strict=True)
+        return [self._probability(fit, more=more - float(less)) for fit, less in pairs]
 
     @property
     def colorless(self) -> bool:
@@ -120,8 +120,6 @@ RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9
 """The same where the object is known to be in the image: ours (D)."""
-FOUND_SHARE = 0.7
-"""Share of the instances of an object without colours that are found, of those in an image (D)."""
 SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
 """Standard deviations of an object's weights from `PRIOR`; a weight without any is fixed."""
 COLORLESS_SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)

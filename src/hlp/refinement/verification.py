@@ -41,17 +41,6 @@ class VerificationSettings(Settings):
         NotNegative,
         Doc("coarse poses that cost more than the best refined one plus this are not refined (D)"),
     ] = 0.1
-    unlikely_cost: Annotated[
-        float | None,
-        Ge(0),
-        Doc(
-            "a coarse pose that costs more than this and has little support by votes is not "
-            "refined; null: it is (D)"
-        ),
-    ] = None
-    little_support: Annotated[
-        NotNegative, Doc("votes of less weight than this in all are little support (D)")
-    ] = 0.25
     weight_depth: Annotated[
         NotNegative,
         Doc("as in the search's cost (P: Eq. 2); only the ratios of the three weights count"),
@@ -238,16 +227,6 @@ class Verifier:
         """
         left = self.evidence(unexplained, poses_cam_obj)
         return np.asarray(2.0 * left.area > evidence.area)
-
-    def are_likely(self, costs: Values, support: Values) -> Flags:
-        """Whether coarse poses of these costs are worth refining, by the support of their votes.
-
-        Most poses of an object that is not in the image have both a high cost and little support.
-        """
-        limit = self.settings.unlikely_cost
-        if limit is None:
-            return np.ones(len(costs), dtype=bool)
-        return np.asarray((costs <= limit) | (support >= self.settings.little_support))
 
     def weigh(self, evidence: Evidence) -> Values:
         """Cost in [0, 1] of the evidence for each pose; `WORST` if there is no depth at all.

@@ -9,7 +9,7 @@ from hlp.method.find import attempts
 from hlp.method.find.instances import find_instances, resolve_conflicts
 from hlp.method.find.trace import ObjectTrace
 from hlp.records import Hypotheses, Region
-from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
+from hlp.refinement.choice import InstanceSearch, RefinedHypotheses
 from hlp.refinement.refiner import NoneSettings, Refinement
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from refinement_scene import CAMERA, disturbed
@@ -191,7 +191,7 @@ class Twins:
     def refine(self, object_id, given, rest=None):
         self.asked.append(object_id)
         refiner, seen = NoneSettings().build(1), self.context.observation
-        return refine_and_choose(refiner, self._verifier, seen, given, 0, 1, rest)
+        return InstanceSearch(refiner, self._verifier, seen, given, 0, rest).find()
 
     def resolve(self, poses):
         """What was found of objects, given their coarse poses, before and after conflicts."""

@@ -18,7 +18,7 @@ from hlp.patches import window_choice
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
 from hlp.patches.local import region_pixels, thin_out
 from hlp.records import Frame, Hypotheses, ObjectModel, Region
-from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
+from hlp.refinement.choice import InstanceSearch, RefinedHypotheses
 from hlp.refinement.icp import align_to_depth
 from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.texture import choose_nearby_by_texture
@@ -254,13 +254,12 @@ class PoseEstimator:
             return None
         context.observer("screen")
         early = min_score is not None and not self.has_templates(object_id)
-        return refine_and_choose(
+        search = InstanceSearch(
             self._refiner,
             self.verifier(object_id),
             context.observation,
             hypotheses,
             self._seed(context.frame, object_id),
-            instances,
             unexplained,
             None if min_score is None else partial(self.score, context, object_id),
             min_score or 0.0,
@@ -268,6 +267,7 @@ class PoseEstimator:
             candidates,
             self.score_model(object_id) if early else None,
         )
+        return search.find(instances)
 
     def follow(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Pose:
         """The pose of an instance that was at `pose_cam_obj` a moment before the frame."""

@@ -41,7 +41,7 @@ from hlp.records import Codebook, ObjectModel
 from hlp.refinement.score_model import ScoreModel, load_score_model
 from hlp.settings import Stored, WholeNumber, stored_as
 
-FORMAT = 8
+FORMAT = 9
 RECORD = "learnt.json"
 CLASSIFIER, ENCODER, OBJECTS, SEARCHES = "classifier", "encoder", "objects", "searches"
 NAME = re.compile(r"[\w][\w .+-]{0,79}")
