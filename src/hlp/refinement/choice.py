@@ -104,7 +104,7 @@ class InstanceSearch:
         self._instances: list[int] = []
 
     def find(self, instances: int = 1) -> RefinedHypotheses | None:
-        """What was refined and chosen for up to so many instances; None if nothing was chosen."""
+        """Refine and choose, for up to so many instances; None if nothing was chosen."""
         for _ in range(instances):
             chosen = self._choose_next()
             if chosen is None or self._scores_below(chosen, self.min_score):
