@@ -31,10 +31,8 @@ _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squar
 _HIGHEST_CONTRAST = 0.8
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
 _NARROW = 20.0  # of the logit, times the cube of what the silhouette lacks of the broadest side (D)
-_WORSE = np.array(
-    [30.0, 15.0]
-)  # of the logit, times cost and edge that exceed those of others … (D)
-_USUAL = 0.05  # … by more than this (D)
+_WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
+_USUAL = 0.05  # … and this (D)
 _ENOUGH = 0.25  # an instance is compared with others whose squared scores sum up to this (D)
 _LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
 _HIGHEST = 0.995  # correlation; sensor noise decides above it

@@ -88,7 +88,7 @@ def broadest_side(mesh: Mesh) -> float:
     focal, center = float(_FAR * _RADIUS), float(_RADIUS)
     camera_matrix = np.array([[focal, 0.0, center], [0.0, focal, center], [0.0, 0.0, 1.0]])
     shape = 2 * _RADIUS + 1, 2 * _RADIUS + 1
-    drawn = np.count_nonzero(render_depth(mesh, poses, camera_matrix, shape), axis=(1, 2))
+    drawn = np.count_nonzero(render_depth(mesh, poses, camera_matrix, shape, 1), axis=(1, 2))
     return max(float(drawn.max()), 1.0) * (radius / _RADIUS) ** 2  # a wire covers no pixel
 
 

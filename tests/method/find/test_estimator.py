@@ -1,5 +1,7 @@
 """What the third stage is told of an object."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
@@ -13,16 +15,8 @@ from hlp.records import Hypotheses
 def test_hypotheses_are_given_up_early_only_of_coloured_objects_that_may_be_absent(
     min_score, colored, learnt, frame, monkeypatch
 ):
-    given = []
-
-    class Search:
-        def __init__(self, *args):
-            given.append(args)
-
-        def find(self, instances):
-            return None
-
-    monkeypatch.setattr(module, "InstanceSearch", Search)
+    told = Mock()
+    monkeypatch.setattr(module, "InstanceSearch", told)
     detector = Detector.load(learnt, threads=1)
     with detector._alone() as estimator:
         monkeypatch.setattr(estimator, "has_templates", lambda _: not colored)
@@ -30,7 +24,7 @@ def test_hypotheses_are_given_up_early_only_of_coloured_objects_that_may_be_abse
         bear = detector.models["bear"]
         coarse = Hypotheses(np.eye(4)[None], np.ones(1))
         estimator.refine(context, bear.object_id, coarse, 1, None, min_score)
-        *_, early_score = given[0]
+        *_, early_score = told.call_args.args
         if min_score is None or not colored:
             assert early_score is None
         else:
