@@ -191,8 +191,7 @@ def test_a_part_of_a_frame_judges_a_pose_as_the_whole_does(detector):
         assert seen.min() > beside or (low == 0).any()
         assert ((columns, rows) - seen.max(axis=0) > beside).all()
         expected, found = (
-            astuple(estimator.measure_fit(context, model.object_id, poses[0]))
-            for context in (whole, part)
+            astuple(context.fits.measure(model.object_id, poses[0])) for context in (whole, part)
         )
         np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
         # Where the object is not in the image, the part is the whole.

@@ -190,7 +190,7 @@ def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_p
             frame = stages.dataset.frames.load(key)
             context = stages.estimator.prepare(frame)
             covered = stages.estimator.find_region(context, estimate.object_id).mask.sum()
-            fit = stages.estimator.measure_fit(context, estimate.object_id, estimate.pose_cam_obj)
+            fit = context.fits.measure(estimate.object_id, estimate.pose_cam_obj)
             assert [estimate.score] == PRIOR.scores([fit], known_present=True)
             np.testing.assert_array_equal(estimate.pose_cam_obj[:3, 3], [2.0, 0.0, covered])
         assert set(estimate.seconds) == set(STEPS)

@@ -5,7 +5,7 @@ Instances are chosen one after another. A later one must not stand on pixels of 
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Int
@@ -23,6 +23,10 @@ _HOPELESS = 0.1  # if the best of the first two of these scores less, the others
 _GIVEN_UP_SHARE = 0.03  # of min_score: a hypothesis that soon scores less is given up (D)
 _IF_THERE = 12  # hypotheses refined at first of an object with colours that may be absent (D)
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
+
+
+KnownRefinements = dict[bytes, tuple[Refinement, tuple[int, int]]]
+"""Refinements and their seeds, see `RefinedHypotheses`, by the bytes of the coarse pose."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +74,10 @@ class InstanceSearch:
     observation without what other objects explain already (None: they explain nothing). With a
     `score` of poses the number of instances is not known: one below `min_score` is the last, and a
     further one is given up early where the first poses are hopeless. With an `early_score`, fewer
-    are refined, and one is given up whose shape soon scores hopelessly little. `enter` is called
-    with each part that begins: refine, verify or second_search.
+    are refined, and one is given up whose shape soon scores hopelessly little. `known` are
+    refinements of coarse poses of the object in the image, and their seeds, by the pose's bytes:
+    they are not made again, and new ones are added. `enter` is called with each part that begins:
+    refine, verify or second_search.
     """
 
     refiner: Refiner
@@ -85,6 +91,7 @@ class InstanceSearch:
     enter: Callable[[str], None] = lambda part: None
     candidates: int | None = None
     early_score: ScoreModel | None = None
+    known: KnownRefinements = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._begun = time.perf_counter()
@@ -178,18 +185,28 @@ class InstanceSearch:
             if start > 0 and best is not None and self._is_hopeless(best):
                 break
             rows = order[start : start + _BATCH]
-            batch = Hypotheses(self._poses[rows], self._support[rows])
+            poses = self._refine_batch(rows)
+            lowest, best = min((lowest, best), self._lowest_cost(poses), key=lambda each: each[0])
+
+    def _refine_batch(self, rows: Rows) -> Poses:
+        """Refine the hypotheses of these rows, but for those that are known; their poses."""
+        keys = [self._poses[row].tobytes() for row in rows]
+        new = [row for row, key in zip(rows, keys, strict=True) if key not in self.known]
+        if new:
+            batch = Hypotheses(self._poses[new], self._support[new])
             # The refiner numbers each batch's hypotheses from 0.
             batch_seed = self.seed + len(self._refined)
             self.enter("refine")
             of = self._model, self.observation, batch, batch_seed, self._spent()
             found = self.refiner.refine(*of, self._is_given_up if self.early_score else None)
             self.enter("verify")
-            self._refined += found
-            self._sources += rows.tolist()
-            self._seeds += [(batch_seed, number) for number in range(len(rows))]
-            poses = np.stack([refinement.pose_cam_obj for refinement in found])
-            lowest, best = min((lowest, best), self._lowest_cost(poses), key=lambda each: each[0])
+            for number, (row, refined) in enumerate(zip(new, found, strict=True)):
+                self.known[self._poses[row].tobytes()] = refined, (batch_seed, number)
+        done = [self.known[key] for key in keys]
+        self._refined += [refined for refined, _ in done]
+        self._seeds += [seeds for _, seeds in done]
+        self._sources += rows.tolist()
+        return np.stack([refined.pose_cam_obj for refined, _ in done])
 
     def _search_again(self, row: int, rows: Rows) -> None:
         """Search again about the chosen one of the free `rows`; what fits less well is dropped.

@@ -9,13 +9,14 @@ from jaxtyping import Float
 from hlp.arrays import Image, Mask, Pose
 from hlp.geometry import project, transform
 from hlp.records import MILLIMETRES_PER_METRE
+from hlp.refinement.occlusion import BORDER, Surface
 from hlp.refinement.texture import ColorAgreement, color_agreement
 from hlp.refinement.verification import Observation, Verifier
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.surface import broadest_side
 
 _LEAST_PIXELS = 30
-_BORDER = 5  # px: window whose centre must lie in the silhouette with all its pixels
+_INSIDE = np.ones((BORDER, BORDER), np.uint8)  # must lie in the silhouette around a pixel
 _LIMIT = 2.0  # τ_d: what is farther behind counts as this far
 _SLOPE_SHARE = 0.05  # of the silhouette's longer side: radius over which depth is averaged
 _LEAST_INSIDE = 0.1  # of a silhouette, by which the whole one is guessed
@@ -69,13 +70,14 @@ def measure_fit(
 ) -> PoseFit:
     """How well a pose of the verifier's object fits an image; in half the time without colours."""
     evidence = verifier.evidence(observation, pose_cam_obj[None])
-    rendered, observed = _crop(verifier, observation, pose_cam_obj)
+    surface = Surface.of(verifier, observation, pose_cam_obj)
+    rendered, observed = surface.depth, observation.depth[surface.rows, surface.columns]
     tau = np.float32(verifier.tau_depth)
     present = (rendered > 0.0) & (observed > 0.0) & np.isfinite(observed)
     difference = np.where(present, observed - rendered, np.float32(0.0))
     agreeing = present & (np.abs(difference) <= tau)
     apart = float(np.median(np.abs(difference[agreeing]))) if agreeing.any() else np.inf
-    inside = cv2.erode((rendered > 0.0).astype(np.uint8), np.ones((_BORDER, _BORDER), np.uint8))
+    inside = cv2.erode((rendered > 0.0).astype(np.uint8), _INSIDE)
     visible = present & (difference >= -tau) & (inside > 0)
     # What is seen past the object is far behind it by chance: how far says nothing.
     seen = rendered + np.minimum(difference, _LIMIT * tau)
@@ -205,19 +207,3 @@ def _inside_fraction(verifier: Verifier, observation: Observation, pose_cam_obj:
     found = np.column_stack([x, y]) / scale + low
     inside = ((found >= -0.5) & (found <= end)).all(axis=1)
     return float(inside.mean()) if len(inside) else 0.0
-
-
-def _crop(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> tuple[Image, Image]:
-    """Rendered and observed depth in the bounding box of the object at a pose."""
-    points = transform(pose_cam_obj, verifier.mesh.vertices)
-    height, width = observation.depth.shape
-    low, high = np.zeros(2, int), np.array([width, height])
-    if points[:, 2].min() > 0.0:
-        pixels = project(points, observation.camera_matrix)
-        low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - _BORDER, 0, high - 1)
-        high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + _BORDER, low + 1, high)
-    camera_matrix = observation.camera_matrix.copy()
-    camera_matrix[:2, 2] -= low
-    shape = (int(high[1] - low[1]), int(high[0] - low[0]))
-    rendered = render_depth(verifier.mesh, pose_cam_obj[None], camera_matrix, shape, threads=1)[0]
-    return rendered, observation.depth[low[1] : high[1], low[0] : high[0]]

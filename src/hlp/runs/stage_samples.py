@@ -263,7 +263,7 @@ def search_again(
     if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
         pose = choose_by_texture(seen, model, pose)
         # The first refinement of a look has the seed of the look, as its last one has.
-        refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
+        refiner, seed = settings.build(threads=1), int(refined.seeds[:, 0].min())
         before = Refinement(pose, iterations)
         refined_once_more = refiner.second_search(model, seen, before, seed)
         ends = (pose, refined_once_more.pose_cam_obj)

@@ -260,8 +260,8 @@ class Attempts:
 
     def _score(self, pose: Pose, appearance: float = BEST_OF_MANY) -> float:
         if self._colorless:
-            self._estimator.set_appearance(*self._of, pose, appearance)
-        return self._estimator.score(*self._of, pose)
+            self._context.fits.set_appearance(self._object_id, pose, appearance)
+        return self._context.fits.score(self._object_id, pose)
 
     def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:
         """Those of the answers, the best first, that do not stand on pixels of better ones."""

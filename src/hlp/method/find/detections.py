@@ -252,9 +252,9 @@ def describe(
 
 def describe_pose(context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Detection:
     """One pose of an object, without a runner-up and in no time."""
-    estimator, model = context.estimator, context.estimator.learnt.models[object_id]
-    fit = estimator.measure_fit(context, object_id, pose_cam_obj)
-    score = estimator.score(context, object_id, pose_cam_obj)
+    model = context.estimator.learnt.models[object_id]
+    fit = context.fits.measure(object_id, pose_cam_obj)
+    score = context.fits.score(object_id, pose_cam_obj)
     depth, same = fit.residual_mm, pose_cam_obj @ model.symmetries
     return Detection(
         model.name, score, pose_cam_obj, fit.visible_fraction, 0.0, depth, same, None, fit
@@ -275,4 +275,4 @@ def _runner_up(
     if len(other) == 0:
         return None
     pose = poses[other[np.argmin(refined.costs[other])]]
-    return RunnerUp(pose, context.estimator.score(context, object_id, pose))
+    return RunnerUp(pose, context.fits.score(object_id, pose))

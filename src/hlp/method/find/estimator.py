@@ -1,6 +1,7 @@
 """The method on one frame: windows → region → votes → coarse poses → refined pose."""
 
 import time
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
@@ -9,6 +10,7 @@ import numpy as np
 
 from hlp.arrays import Mask, Pixels, Pose, Positions, Values, derive_seed
 from hlp.image_edges import color_edges
+from hlp.method.find.frame_fits import FrameFits
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMatching
 from hlp.method.find.trace import ObjectTrace, Observer, nobody
@@ -18,9 +20,8 @@ from hlp.patches import window_choice
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
 from hlp.patches.local import region_pixels, thin_out
 from hlp.records import Frame, Hypotheses, ObjectModel, Region
-from hlp.refinement.choice import InstanceSearch, RefinedHypotheses
+from hlp.refinement.choice import InstanceSearch, KnownRefinements, RefinedHypotheses
 from hlp.refinement.icp import align_to_depth
-from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.texture import choose_nearby_by_texture
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.surface import color_grid
@@ -37,8 +38,7 @@ class FrameContext:
     """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`.
 
     `mask` is where objects are looked for, None: everywhere. `observer` is told which part of a
-    search begins. `fits` are those of the poses that were measured so far, by object and the pose's
-    bytes.
+    search begins. `refined` is what was refined of each object so far.
     """
 
     estimator: "PoseEstimator"
@@ -50,7 +50,7 @@ class FrameContext:
     observer: Observer = nobody
 
     def __post_init__(self) -> None:
-        self.fits: dict[tuple[int, bytes], PoseFit] = {}
+        self.refined: dict[int, KnownRefinements] = defaultdict(dict)
         rgb = self.frame.rgb  # without `self`, so that a frame's memory is free with the context
         self.edge_answers = cache(lambda reach: spread_edges(color_edges(rgb), reach))
         """What templates are compared with: see `templates.matching.spread_edges`."""
@@ -60,6 +60,11 @@ class FrameContext:
         """The frame in the form that the verification compares poses with."""
         images = self.frame.rgb, self.frame.depth, self.frame.camera_matrix
         return observe(*images, self.verification)
+
+    @cached_property
+    def fits(self) -> FrameFits:
+        """How well poses fit the frame."""
+        return FrameFits(self.observation, self.estimator.verifier, self.estimator.score_model)
 
 
 class PoseEstimator:
@@ -124,7 +129,7 @@ class PoseEstimator:
         """Do what these objects share in a frame now, and not when the first one needs it."""
         for object_id in object_ids:
             context.windows.classify(object_id)
-        _ = context.observation, self.encoder
+        _ = context.fits, self.encoder
 
     def find_region(self, context: FrameContext, object_id: int, instances: int = 1) -> Region:
         """Stage 1: the candidate region of an object (paper, section 3.1), its likeliest part.
@@ -261,11 +266,13 @@ class PoseEstimator:
             hypotheses,
             self._seed(context.frame, object_id),
             unexplained,
-            None if min_score is None else partial(self.score, context, object_id),
+            None if min_score is None else partial(context.fits.score, object_id),
             min_score or 0.0,
             context.observer,
             candidates,
             self.score_model(object_id) if early else None,
+            # Objects without colours are searched again and again, often from the same poses.
+            context.refined[object_id] if self.has_templates(object_id) else {},
         )
         return search.find(instances)
 
@@ -278,23 +285,3 @@ class PoseEstimator:
 
     def _seed(self, frame: Frame, object_id: int) -> int:
         return derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
-
-    def measure_fit(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> PoseFit:
-        """How well a pose fits the frame; measured once for every pose."""
-        key = object_id, pose_cam_obj.tobytes()
-        if key not in context.fits:
-            of = self.verifier(object_id), context.observation, pose_cam_obj
-            context.fits[key] = measure_fit(*of)
-        return context.fits[key]
-
-    def set_appearance(
-        self, context: FrameContext, object_id: int, pose_cam_obj: Pose, appearance: float
-    ) -> None:
-        """Keep with a pose's fit what else the frame says of its look (`PoseFit.appearance`)."""
-        fit = self.measure_fit(context, object_id, pose_cam_obj)
-        key = object_id, pose_cam_obj.tobytes()
-        context.fits[key] = replace(fit, appearance=appearance)
-
-    def score(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> float:
-        """The probability that a pose is right, by its fit."""
-        return self.score_model(object_id).score(self.measure_fit(context, object_id, pose_cam_obj))

@@ -97,10 +97,9 @@ def resolve_conflicts(
     if sum(refined is not None for refined in found.values()) < 2:
         return found
     claims: dict[int, list[Pose]] = {}
-    score = context.estimator.score
     rest, losers = Unexplained(context, unexplained), []
     for object_id, pose in _best_first(context, found):
-        counts = min_score is None or score(context, object_id, pose) >= min_score
+        counts = min_score is None or context.fits.score(object_id, pose) >= min_score
         if object_id in losers or not counts:
             continue
         if rest.is_free(object_id, pose):
@@ -129,6 +128,6 @@ def _best_first(context: FrameContext, found: Found) -> list[tuple[int, Pose]]:
         if refined is not None:
             for row, pose in zip(refined.instances, refined.chosen_poses, strict=True):
                 cost = float(refined.costs[row])
-                rank = -estimator.score(context, object_id, pose) if by_score else cost
+                rank = -context.fits.score(object_id, pose) if by_score else cost
                 instances.append((rank, object_id, row, pose))
     return [(object_id, pose) for _, object_id, _, pose in sorted(instances, key=lambda i: i[:3])]

@@ -132,16 +132,22 @@ class _FrameSearch:
             self.min_score,
             self.unexplained,
         )
+        fits = self.context.fits
+        fits.measure_among(
+            [
+                (object_id, pose)
+                for object_id, refined in found.items()
+                for pose in ([] if refined is None else refined.chosen_poses)
+            ]
+        )
         share = (time.perf_counter() - begun) / max(len(traces), 1)
 
         def measure(object_id: int) -> ObjectTrace:
             begun = time.perf_counter()
             refined, spent = found[object_id], traces[object_id].seconds
             poses = () if refined is None else refined.chosen_poses
-            fits = (
-                self.context.estimator.measure_fit(self.context, object_id, pose) for pose in poses
-            )
-            measured = replace(traces[object_id], refined=refined, fits=tuple(fits))
+            own = tuple(fits.measure(object_id, pose) for pose in poses)
+            measured = replace(traces[object_id], refined=refined, fits=own)
             more = spent["refinement"] + share + time.perf_counter() - begun
             return replace(measured, seconds={**spent, "refinement": more})
 

@@ -1,0 +1,66 @@
+"""How well poses fit a frame."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from hlp.arrays import Pose
+from hlp.refinement.occlusion import Surface, with_hidden
+from hlp.refinement.pose_fit import PoseFit, measure_fit
+from hlp.refinement.score_model import ScoreModel
+from hlp.refinement.verification import Observation, Verifier
+
+
+class FrameFits:
+    """The fits of poses in one frame, each measured once, and their scores.
+
+    `verifier` and `score_model` are those of an object, given its id; `observation` is the frame.
+    """
+
+    def __init__(
+        self,
+        observation: Observation,
+        verifier: Callable[[int], Verifier],
+        score_model: Callable[[int], ScoreModel],
+    ) -> None:
+        self._observation, self._verifier = observation, verifier
+        self._score_model = score_model
+        self._known: dict[tuple[int, bytes], PoseFit] = {}
+
+    def measure(self, object_id: int, pose_cam_obj: Pose) -> PoseFit:
+        """How well a pose fits the frame."""
+        key = object_id, pose_cam_obj.tobytes()
+        if key not in self._known:
+            of = self._verifier(object_id), self._observation, pose_cam_obj
+            self._known[key] = measure_fit(*of)
+        return self._known[key]
+
+    def score(self, object_id: int, pose_cam_obj: Pose) -> float:
+        """The probability that a pose is right, by its fit."""
+        return self._score_model(object_id).score(self.measure(object_id, pose_cam_obj))
+
+    def set_appearance(self, object_id: int, pose_cam_obj: Pose, appearance: float) -> None:
+        """Keep with a pose's fit what else the frame says of its look (`PoseFit.appearance`)."""
+        fit = self.measure(object_id, pose_cam_obj)
+        self._known[object_id, pose_cam_obj.tobytes()] = replace(fit, appearance=appearance)
+
+    def measure_among(self, instances: Sequence[tuple[int, Pose]]) -> None:
+        """Measure instances of objects without colours anew, where others hide them.
+
+        What others hide by less than the verification tolerates is not seen, but it is no sign of
+        a wrong pose either: the visible fraction stays. Colours tell enough of other objects.
+        """
+        seen = self._observation
+        colorless = [not self._verifier(each).model.mesh.colored for each, _ in instances]
+        if len(instances) < 2 or not any(colorless):
+            return
+        surfaces = [Surface.of(self._verifier(each), seen, pose) for each, pose in instances]
+        for row, (object_id, pose) in enumerate(instances):
+            if not colorless[row]:
+                continue
+            left = with_hidden(seen, surfaces[row], surfaces[:row] + surfaces[row + 1 :])
+            before = self.measure(object_id, pose)
+            self._known[object_id, pose.tobytes()] = replace(
+                measure_fit(self._verifier(object_id), left, pose),
+                appearance=before.appearance,
+                visible_fraction=before.visible_fraction,
+            )
