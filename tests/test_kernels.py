@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int
 import hlp
 from hlp.kernels import array_type, parts_of
 from hlp.refinement.cost_kernel import sum_costs
-from hlp.refinement.pso import update_personal_bests
+from hlp.refinement.swarm_kernel import update_personal_bests
 from new_process import printed_by
 
 CALLEE = """\

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from generated_values import SEEDS, numbers, poses_in_front, vectors
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses
-from hlp.refinement.pso import PsoRefiner, PsoSettings, apply_offsets, search, update_swarm
+from hlp.refinement.pso import PsoRefiner, PsoSettings, search
 from hlp.refinement.refiner import Refinement
+from hlp.refinement.swarm_kernel import apply_offsets, update_swarm
 from refinement_scene import disturbed, error, posed
 
 CENTROID = np.array([0.02, -0.01, 0.03])

@@ -9,13 +9,13 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from jaxtyping import Float
 
-from hlp.arrays import Point, Pose, Poses, Values
-from hlp.kernels import compiled_ahead
+from hlp.arrays import Point, Pose
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import REFINERS, IsHopeless, Refinement, Refiner, cost_around
+from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
 from hlp.refinement.verification import Observation, VerificationSettings
-from hlp.settings import Doc, NotNegative, Settings, SettingsError
+from hlp.settings import Doc, NotNegative, Settings, SettingsError, Share
 from hlp.threads import ThreadTeam, threads_here
 
 _SECOND_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17  # random streams; hypotheses use 0, 1, …
@@ -79,6 +79,13 @@ class PsoSettings(Settings):
             "best (the text: until no particle improves)"
         ),
     ] = "swarm"
+    hopeless_share: Annotated[
+        Share | None,
+        Doc(
+            "a hypothesis of an object without colours is given up if it soon costs more than this "
+            "share of the highest cost (D); null: never (P)"
+        ),
+    ] = 0.3
     follow: FollowSettings = field(default_factory=FollowSettings)
 
     def __post_init__(self) -> None:
@@ -87,6 +94,12 @@ class PsoSettings(Settings):
         total = self.phi_1 + self.phi_2
         if not total > 4.0:
             raise SettingsError("phi_1 + phi_2", f"is {total}: it must be above 4")
+
+    def hopeless_cost(self, model: ObjectModel) -> float:
+        """Cost above which a hypothesis of an object is soon given up; infinite: none is."""
+        if model.mesh.colored or self.hopeless_share is None:
+            return np.inf
+        return self.hopeless_share * (self.cost.weight_depth + self.cost.weight_image_edge)
 
     def build(self, threads: int) -> "PsoRefiner":
         """The refiner; each thread refines whole hypotheses. Threads do not affect results."""
@@ -116,13 +129,14 @@ class PsoRefiner(Refiner):
         poses = hypotheses.poses_cam_obj
         at_once = min(threads_here(self._team.threads), len(poses))
         end = time.perf_counter() + self._remaining(spent)
+        highest = self._settings.hopeless_cost(model)
 
         def refine_one(index: int) -> Refinement:
             now = time.perf_counter()
             if now > end:
                 return Refinement(poses[index], 0)
             deadline = now + (end - now) * min(at_once / (len(poses) - index), 1.0)
-            limits = (seed, index), deadline, is_hopeless
+            limits = (seed, index), deadline, is_hopeless, highest
             return _search(model, observation, poses[index], self._settings, *limits)
 
         return self._team.map(refine_one, len(poses))
@@ -165,15 +179,18 @@ def _search(
     stream: tuple[int, int],
     deadline: float = np.inf,
     is_hopeless: IsHopeless | None = None,
+    hopeless_cost: float = np.inf,
 ) -> Refinement:
     """One `search` around a pose, with a random stream of its own."""
     cost = cost_around(model, observation, pose_cam_obj, settings.cost)
     given_up = False
 
-    def goes_on(iterations: int, centre: Pose, best: Float[np.ndarray, "6"]) -> bool:
+    def goes_on(done: int, lowest: float, centre: Pose, best: Float[np.ndarray, "6"]) -> bool:
         nonlocal given_up
-        if iterations == _EARLY and is_hopeless is not None:
-            given_up = is_hopeless(apply_offsets(centre, best[None], model.centroid)[0])
+        if done == _EARLY:
+            given_up = lowest > hopeless_cost
+            if is_hopeless is not None:
+                given_up |= is_hopeless(apply_offsets(centre, best[None], model.centroid)[0])
         return not given_up and time.perf_counter() <= deadline
 
     of = cost, pose_cam_obj, model.centroid, settings, np.random.default_rng(stream)
@@ -187,14 +204,15 @@ def search(
     centroid: Point,
     settings: PsoSettings,
     rng: np.random.Generator,
-    goes_on: Callable[[int, Pose, Float[np.ndarray, "6"]], bool] = lambda *_: True,
+    goes_on: Callable[[int, float, Pose, Float[np.ndarray, "6"]], bool] = lambda *_: True,
 ) -> tuple[Pose, int]:
     """The pose of lowest cost found around a pose, and the number of iterations.
 
     Positions are offsets from the box's centre in units of (θ, τ). With `recentre` the box follows
     the best pose, so that poses outside the first box can be reached; positions are then shifted so
     that the best is 0, which is approximate for others, since rotations do not add. Before each
-    iteration `goes_on` is asked, given their number so far, a pose and the best offsets from it.
+    iteration `goes_on` is asked, given their number so far, the lowest cost, and its pose as a pose
+    and offsets from it.
     """
     box = np.repeat([np.deg2rad(settings.theta_deg), settings.tau_mm / 1000.0], 3)
     phi = settings.phi_1, settings.phi_2
@@ -209,7 +227,7 @@ def search(
     global_best, global_cost = personal_best[best].copy(), personal_cost[best]
     idle, iteration = 0, 0
     while iteration < settings.iterations and idle < settings.patience:
-        if not goes_on(iteration, centre, global_best * box):
+        if not goes_on(iteration, float(global_cost), centre, global_best * box):
             break
         iteration += 1
         if settings.recentre and global_best.any():
@@ -224,77 +242,3 @@ def search(
         idle = 0 if own_gain or personal_cost[best] < global_cost else idle + 1
         global_best, global_cost = personal_best[best].copy(), personal_cost[best]
     return apply_offsets(centre, global_best[None] * box, centroid)[0], iteration
-
-
-@compiled_ahead()
-def update_swarm(
-    position: Float[np.ndarray, "n 6"],
-    velocity: Float[np.ndarray, "n 6"],
-    personal_best: Float[np.ndarray, "n 6"],
-    global_best: Float[np.ndarray, "6"],
-    random: Float[np.ndarray, "2 n 6"],
-    phi: tuple[float, float],
-    constriction: float,
-) -> None:
-    """Move the particles in place, within [-1, 1] (Kennedy & Eberhart 1995; Clerc & Kennedy 2002).
-
-    `phi` are the weights of the personal and the global best; each is multiplied by a `random`
-    number in [0, 1) for each particle and dimension.
-    """
-    for n in range(len(position)):
-        for d in range(6):
-            speed = velocity[n, d]
-            speed += phi[0] * random[0, n, d] * (personal_best[n, d] - position[n, d])
-            speed += phi[1] * random[1, n, d] * (global_best[d] - position[n, d])
-            velocity[n, d] = speed * constriction
-            position[n, d] = min(max(position[n, d] + velocity[n, d], -1.0), 1.0)
-
-
-@compiled_ahead()
-def update_personal_bests(
-    position: Float[np.ndarray, "n 6"],
-    cost: Values,
-    personal_best: Float[np.ndarray, "n 6"],
-    personal_best_cost: Values,
-) -> int:
-    """Update the personal bests and their costs in place; index of the global best."""
-    best = 0
-    for n in range(len(position)):
-        if cost[n] < personal_best_cost[n]:
-            personal_best_cost[n] = cost[n]
-            for d in range(6):
-                personal_best[n, d] = position[n, d]
-        if personal_best_cost[n] < personal_best_cost[best]:
-            best = n
-    return best
-
-
-@compiled_ahead()
-def apply_offsets(pose_cam_obj: Pose, offsets: Float[np.ndarray, "n 6"], centroid: Point) -> Poses:
-    """Poses for offsets (α, β, γ in rad, t_r in m) from one pose.
-
-    R_r = R_x(α)·R_y(β)·R_z(γ) rotates the object about its `centroid` (object coordinates, m), then
-    t_r shifts it, both in camera coordinates.
-    """
-    poses = np.zeros((len(offsets), 4, 4))
-    rotation = np.empty((3, 3))
-    center_cam = np.empty(3)
-    for i in range(3):
-        center_cam[i] = pose_cam_obj[i, 3]
-        for k in range(3):
-            center_cam[i] += pose_cam_obj[i, k] * centroid[k]
-    for n in range(len(offsets)):
-        sa, sb, sc = np.sin(offsets[n, 0]), np.sin(offsets[n, 1]), np.sin(offsets[n, 2])
-        ca, cb, cc = np.cos(offsets[n, 0]), np.cos(offsets[n, 1]), np.cos(offsets[n, 2])
-        rotation[0, 0], rotation[0, 1], rotation[0, 2] = cb * cc, -cb * sc, sb
-        rotation[1, 0], rotation[1, 1] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc
-        rotation[2, 0], rotation[2, 1] = sa * sc - ca * sb * cc, sa * cc + ca * sb * sc
-        rotation[1, 2], rotation[2, 2] = -sa * cb, ca * cb
-        for i in range(3):
-            poses[n, i, 3] = center_cam[i] + offsets[n, 3 + i]
-            for j in range(3):
-                for k in range(3):
-                    poses[n, i, j] += rotation[i, k] * pose_cam_obj[k, j]
-                poses[n, i, 3] -= poses[n, i, j] * centroid[j]
-        poses[n, 3, 3] = 1.0
-    return poses

@@ -29,10 +29,10 @@ class Scores:
     def verifier(self, _):
         return self._verifier
 
-    def set_appearance(self, _, __, pose, appearance):
+    def set_appearance(self, _, pose, appearance):
         self.appearances[pose.tobytes()] = appearance
 
-    def score(self, _, __, pose):
+    def score(self, _, pose):
         nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
         score = self._scores[int(nearest.argmin())] if nearest.min() < 0.01 else 0.0
         logit = np.log(max(score, 1e-9) / (1.0 - score))
@@ -54,7 +54,7 @@ def refined(*poses):
 
 
 def attempts(estimator, context, instances, min_score=None):
-    context.estimator = estimator
+    context.estimator = context.fits = estimator
     return Attempts(context, 1, instances, None, min_score)
 
 
@@ -139,8 +139,8 @@ class Turned(Scores):
         costs = self._verifier.costs(self._observation, coarse.poses_cam_obj)
         return refined(*coarse.poses_cam_obj[np.argsort(costs)])
 
-    def score(self, _, __, pose):
-        return super().score(_, __, pose) if is_turned_right(pose) else self._wrong
+    def score(self, _, pose):
+        return super().score(_, pose) if is_turned_right(pose) else self._wrong
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_another_face_in_front_is_taken_if_cost_and_score_are_better(
 class Whole(Turned):
     """What looks like one lying box, and is two standing ones, is likely; those alone are not."""
 
-    def score(self, _, __, pose):
+    def score(self, _, pose):
         is_pair = np.abs(PAIR[:, :3, 3] - pose[:3, 3]).max(axis=1).min() < 0.002
         logit = np.log(0.1 / 0.9) if is_pair else np.log(0.8 / 0.2)
         logit += self.appearances.get(pose.tobytes(), BEST_OF_MANY) - BEST_OF_MANY

@@ -24,7 +24,8 @@ def test_hypotheses_are_given_up_early_only_of_coloured_objects_that_may_be_abse
         bear = detector.models["bear"]
         coarse = Hypotheses(np.eye(4)[None], np.ones(1))
         estimator.refine(context, bear.object_id, coarse, 1, None, min_score)
-        *_, early_score = told.call_args.args
+        *_, early_score, known = told.call_args.args
+        assert (known is context.refined[bear.object_id]) == (not colored)
         if min_score is None or not colored:
             assert early_score is None
         else:

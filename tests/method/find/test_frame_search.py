@@ -2,6 +2,7 @@
 
 import threading
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ class Estimator:
 
 
 def search(estimator, counts, **options):
-    return search_frame(SimpleNamespace(estimator=estimator), counts, **options)
+    return search_frame(SimpleNamespace(estimator=estimator, fits=Mock()), counts, **options)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])

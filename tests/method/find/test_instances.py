@@ -58,7 +58,7 @@ class Looks:
     def set_appearance(self, *_):
         pass
 
-    def score(self, _, __, found):
+    def score(self, _, found):
         return float(found[0, 3])
 
     def verifier(self, _):
@@ -71,7 +71,7 @@ class Looks:
 
 def search(estimator, *given, **options):
     """Scores and sources of the instances that were found."""
-    context = SimpleNamespace(estimator=estimator, observation="all")
+    context = SimpleNamespace(estimator=estimator, fits=estimator, observation="all")
     found = find_instances(context, REGION, NONE, *given, **options)
     if found is None:
         return [], []
@@ -176,7 +176,7 @@ class Twins:
         self.scene, self.scores, self.asked = scene, scores, list[int]()
         settings = VerificationSettings()
         seen = observe(scene.rgb, scene.depth, CAMERA, settings)
-        self.context = SimpleNamespace(estimator=self, observation=seen)
+        self.context = SimpleNamespace(estimator=self, fits=self, observation=seen)
         self._verifier = Verifier(scene.model, settings)
 
     def verifier(self, _):
@@ -185,7 +185,7 @@ class Twins:
     def has_templates(self, _):
         return self.scores is not None
 
-    def score(self, _, object_id, __):
+    def score(self, object_id, _):
         return 1.0 if self.scores is None else self.scores[object_id]
 
     def refine(self, object_id, given, rest=None):
