@@ -57,6 +57,18 @@ class RefinedHypotheses:
         return [self.refined[row].pose_cam_obj for row in self.instances]
 
 
+def choose_among_alike(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> Pose:
+    """The pose, or another one in which the object looks much alike.
+
+    That of `ObjectModel.near_symmetries` whose colours agree best with the image. Of an object that
+    is nearly of revolution the turn about its axis that costs least.
+    """
+    if len(verifier.turns) == 1:
+        return choose_by_texture(observation, verifier.model, pose_cam_obj)
+    poses = pose_cam_obj @ verifier.turns
+    return np.asarray(poses[np.argmin(verifier.costs(observation, poses))])
+
+
 @dataclass
 class InstanceSearch:
     """Refines the most promising hypotheses, chooses those of lowest verification cost.
@@ -65,9 +77,9 @@ class InstanceSearch:
     order of verification cost, two at a time and at most `candidates` (None: the verifier's), until
     the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
     lowers a cost by that much.
-    Of the poses that depth cannot tell from the chosen one (`ObjectModel.near_symmetries`), that
-    whose colours agree best with the image takes its place. Then it is searched again, in a smaller
-    box; what that finds is kept unless its cost, among the refined poses, is higher than before.
+    The best of those that look much like the chosen one takes its place (`choose_among_alike`).
+    Then it is searched again, in a smaller box; what that finds is kept unless its cost, among the
+    refined poses, is higher than before.
 
     This is repeated for every further instance, with the hypotheses for which more than half of the
     agreeing pixels are not explained by an instance that was chosen before. `unexplained` is the
@@ -156,9 +168,9 @@ class InstanceSearch:
             return None
         self._costs[rows] = self._competing_costs(rows)
         row = int(rows[np.argmin(self._costs[rows])])
-        if len(self._model.near_symmetries) > 0:
-            refined = self._refined[row]
-            pose = choose_by_texture(self.observation, self._model, refined.pose_cam_obj)
+        refined = self._refined[row]
+        pose = choose_among_alike(self.verifier, self.observation, refined.pose_cam_obj)
+        if pose is not refined.pose_cam_obj:
             self._refined[row] = replace(refined, pose_cam_obj=pose)
             self._costs[rows] = self._competing_costs(rows)
         chosen = self._refined[row]

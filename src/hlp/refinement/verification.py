@@ -6,6 +6,7 @@ have the model's chromaticity. Brightness is ignored, since it depends on the li
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated, NamedTuple
 
 import cv2
@@ -18,6 +19,7 @@ from hlp.geometry import transform
 from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
+from hlp.refinement.revolution import turns_about_axis
 from hlp.refinement.verification_kernel import COLOR_OFFSET, SeenImages, Tolerances, sum_evidence
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.zbuffer import DIRECTIONS, prepare_mesh
@@ -183,6 +185,11 @@ class Verifier:
         offset_colors = self.mesh.colors[self.mesh.faces].mean(axis=1) + COLOR_OFFSET
         chromaticity = offset_colors / offset_colors.sum(axis=1, keepdims=True)
         self._chromaticity = chromaticity.astype(np.float32)
+
+    @cached_property
+    def turns(self) -> Poses:
+        """Turns (n, 4, 4) after which the object looks much alike, see `turns_about_axis`."""
+        return turns_about_axis(self.model)
 
     def costs(self, observation: Observation, poses_cam_obj: Poses) -> Values:
         """Cost in [0, 1] of each pose, lower is better; comparable between poses of one object."""

@@ -26,11 +26,11 @@ from hlp.records import (
     Views,
     frame_key,
 )
+from hlp.refinement.choice import choose_among_alike
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.refiner import Refinement, cost_around
-from hlp.refinement.texture import choose_by_texture
-from hlp.refinement.verification import Observation, observe
+from hlp.refinement.verification import Observation, Verifier, observe
 from hlp.reporting.figures.panels import SeenTarget
 from hlp.reporting.figures.stage_figures import PatchEntries, SwarmsOfTarget
 from hlp.runs.diagnosis import visible_pixels
@@ -261,7 +261,7 @@ def search_again(
     rng = np.random.default_rng(refined.seeds[row])
     pose, iterations = search(cost, start, model.centroid, settings, rng)
     if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
-        pose = choose_by_texture(seen, model, pose)
+        pose = choose_among_alike(Verifier(model, settings.verification), seen, pose)
         # The first refinement of a look has the seed of the look, as its last one has.
         refiner, seed = settings.build(threads=1), int(refined.seeds[:, 0].min())
         before = Refinement(pose, iterations)
