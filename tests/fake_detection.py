@@ -116,7 +116,7 @@ class FakeEstimator:
         self.loaded += 1
 
     def prepare(self, frame: Frame) -> Any:
-        return SimpleNamespace(estimator=self, frame=frame, observation=None)
+        return SimpleNamespace(estimator=self, fits=self, frame=frame, observation=None)
 
     def verifier(self, object_id: int) -> Any:
         """Nothing is explained by any pose."""
@@ -129,10 +129,13 @@ class FakeEstimator:
     def score(self, *_: Any) -> float:
         return 1.0
 
+    def measure_among(self, instances: Any) -> None:
+        """Nothing hides anything."""
+
     def other_regions(self, *_: Any) -> Iterator[Region]:
         return iter(())
 
-    def measure_fit(self, context: Any, object_id: int, pose: np.ndarray) -> PoseFit:
+    def measure(self, object_id: int, pose: np.ndarray) -> PoseFit:
         """A fit that depends on the pose alone."""
         return PoseFit(0.1 * pose[0, 3], 0.9, 0.9, 3.0, 1.0)
 

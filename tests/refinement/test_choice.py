@@ -165,3 +165,25 @@ def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(scene, verificat
     refiner = Recorder()
     assert try_to_choose(scene, verification, refiner, bad[[0, 2, 4]]) is None
     assert refiner.asked == [] and refiner.searched_again == []
+
+
+def test_a_coarse_pose_is_refined_once_in_an_image(scene, verification):
+    """Another search of the image takes the pose with its seed, in whatever order it comes."""
+    poses = np.stack([disturbed(scene, 4.0 * k, 2.0 * k, seed=k) for k in range(1, 5)])
+    seen, verifier = scene.seen, Verifier(scene.model, verification)
+    first, again, known = Recorder(), Recorder(), {}
+
+    def look(refiner, some):
+        given = refiner, verifier, seen, Hypotheses(some, np.ones(len(some))), len(known)
+        return InstanceSearch(*given, known=known).find()
+
+    before = look(first, poses[:3])
+    after = look(again, poses[::-1])
+    np.testing.assert_array_equal(np.concatenate(again.asked), poses[3:])
+    seeds = {
+        one.pose_cam_obj.tobytes(): tuple(seed)
+        for found in (before, after)
+        for one, seed in zip(found.refined, found.seeds, strict=True)
+    }
+    assert len(after.refined) == 4 == len(seeds) == len(known)
+    assert {tuple(seed) for seed in before.seeds} <= set(seeds.values())

@@ -112,22 +112,27 @@ class FrameColors:
 
     def at(self, verifier: Verifier, observation: Observation, pose: Pose) -> PartAppearance:
         """The look of the pixels that agree in depth with a pose of the verifier's object."""
-        agreeing, rendered = verifier.explained(observation, pose)
-        own_edges = (rendered == 0.0) | (np.abs(cv2.Laplacian(rendered, cv2.CV_32F)) > _CREASE)
-        inside = agreeing & ~_near(own_edges, _BORDER)
+        drawn = verifier.depth_of(observation, pose)
+        agreeing = drawn.explains(observation.depth, verifier.tau_depth)
+        own_edges = np.abs(cv2.Laplacian(drawn.depth, cv2.CV_32F)) > _CREASE
+        inside = agreeing & ~_near(own_edges | (drawn.depth == 0.0), _BORDER)
         enough = np.count_nonzero(inside) >= _LEAST_PIXELS
-        clutter = float(self.near_edge[inside].mean()) if enough else np.nan
+        clutter = float(drawn.part(self.near_edge)[inside].mean()) if enough else np.nan
 
         points = transform(pose, self.samples)
         pixels = np.floor(project(points, observation.camera_matrix) + 0.5).astype(int)
-        x, y = np.clip(pixels, 0, np.array(rendered.shape[::-1]) - 1).T
-        seen = agreeing[y, x] & (pixels == np.column_stack([x, y])).all(axis=1)
-        seen &= np.abs(rendered[y, x] - points[:, 2]) < _SAME_SURFACE
-        print_ = np.where(seen[:, None], _opponent(self.blurred[y, x]), np.float32(np.nan))
+        first, size = (drawn.columns.start, drawn.rows.start), agreeing.shape[::-1]
+        x, y = np.clip(pixels - first, 0, np.array(size) - 1).T
+        seen = agreeing[y, x] & (pixels - first == np.column_stack([x, y])).all(axis=1)
+        seen &= np.abs(drawn.depth[y, x] - points[:, 2]) < _SAME_SURFACE
+        colors = _opponent(drawn.part(self.blurred)[y, x])
+        print_ = np.where(seen[:, None], colors, np.float32(np.nan))
         unlike = np.square(print_[:, None] - self.typical).sum(axis=-1)
         unlike = np.minimum(unlike, np.float32(_LIMIT**2)).mean(axis=1)
-        shares, covered = _shares(self.classes[agreeing]), agreeing[::_EVERY, ::_EVERY].ravel()
-        return PartAppearance(shares, clutter, covered, print_, unlike)
+        covered = np.zeros(observation.depth.shape, dtype=bool)
+        drawn.part(covered)[:] = agreeing
+        shares, covered = _shares(drawn.part(self.classes)[agreeing]), covered[::_EVERY, ::_EVERY]
+        return PartAppearance(shares, clutter, covered.ravel(), print_, unlike)
 
 
 def _nearest(points: Points, others: Points) -> Rows:

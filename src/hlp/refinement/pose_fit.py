@@ -9,7 +9,7 @@ from jaxtyping import Float
 from hlp.arrays import Image, Mask, Pose
 from hlp.geometry import project, transform
 from hlp.records import MILLIMETRES_PER_METRE
-from hlp.refinement.occlusion import BORDER, Surface
+from hlp.refinement.object_depth import BORDER
 from hlp.refinement.texture import ColorAgreement, color_agreement
 from hlp.refinement.verification import Observation, Verifier
 from hlp.rendering.rasterizer import render_depth
@@ -70,8 +70,8 @@ def measure_fit(
 ) -> PoseFit:
     """How well a pose of the verifier's object fits an image; in half the time without colours."""
     evidence = verifier.evidence(observation, pose_cam_obj[None])
-    surface = Surface.of(verifier, observation, pose_cam_obj)
-    rendered, observed = surface.depth, observation.depth[surface.rows, surface.columns]
+    drawn = verifier.depth_of(observation, pose_cam_obj)
+    rendered, observed = drawn.depth, drawn.part(observation.depth)
     tau = np.float32(verifier.tau_depth)
     present = (rendered > 0.0) & (observed > 0.0) & np.isfinite(observed)
     difference = np.where(present, observed - rendered, np.float32(0.0))

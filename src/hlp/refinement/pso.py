@@ -211,8 +211,7 @@ def search(
     Positions are offsets from the box's centre in units of (θ, τ). With `recentre` the box follows
     the best pose, so that poses outside the first box can be reached; positions are then shifted so
     that the best is 0, which is approximate for others, since rotations do not add. Before each
-    iteration `goes_on` is asked, given their number so far, the lowest cost, and its pose as a pose
-    and offsets from it.
+    iteration `goes_on` is asked: given their number, the lowest cost, a pose and offsets from it.
     """
     box = np.repeat([np.deg2rad(settings.theta_deg), settings.tau_mm / 1000.0], 3)
     phi = settings.phi_1, settings.phi_2

@@ -19,9 +19,9 @@ from hlp.geometry import transform
 from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
+from hlp.refinement.object_depth import ObjectDepth
 from hlp.refinement.revolution import turns_about_axis
 from hlp.refinement.verification_kernel import COLOR_OFFSET, SeenImages, Tolerances, sum_evidence
-from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.zbuffer import DIRECTIONS, prepare_mesh
 from hlp.settings import Doc, NotNegative, Positive, Settings
 
@@ -215,17 +215,16 @@ class Verifier:
         costs -= self.settings.support_cost * np.log(np.maximum(share, _MIN_SHARE))
         return np.asarray(np.minimum(costs, WORST))
 
-    def explained(self, observation: Observation, pose_cam_obj: Pose) -> tuple[Mask, Image]:
-        """Pixels whose depth the object at a pose explains, up to τ_d; and its depth alone."""
-        depth, camera = observation.depth, observation.camera_matrix
-        shape = depth.shape[0], depth.shape[1]
-        rendered = render_depth(self.mesh, pose_cam_obj[None], camera, shape, threads=1)[0]
-        return (rendered > 0.0) & (np.abs(depth - rendered) <= self.tau_depth), rendered
+    def depth_of(self, observation: Observation, pose_cam_obj: Pose) -> ObjectDepth:
+        """The object's depth at a pose, in the image of an observation."""
+        height, width = observation.depth.shape
+        return ObjectDepth.of(self.mesh, pose_cam_obj, observation.camera_matrix, (height, width))
 
     def without_explained(self, observation: Observation, pose_cam_obj: Pose) -> Observation:
-        """The image without depth where the object at this pose explains it."""
-        explained, _ = self.explained(observation, pose_cam_obj)
-        return replace(observation, depth=np.where(explained, np.float32(0.0), observation.depth))
+        """The image without depth where the object at this pose explains it, up to τ_d."""
+        drawn, depth = self.depth_of(observation, pose_cam_obj), observation.depth.copy()
+        drawn.part(depth)[drawn.explains(depth, self.tau_depth)] = 0.0
+        return replace(observation, depth=depth)
 
     def is_free(self, unexplained: Observation, poses_cam_obj: Poses, evidence: Evidence) -> Flags:
         """Whether more than half of the pixels that agree with each pose are still unexplained.

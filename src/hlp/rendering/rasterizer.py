@@ -85,19 +85,28 @@ def render_depth(
     poses_cam_obj = np.asarray(poses_cam_obj, dtype=np.float64)
     _require_finite(poses_cam_obj)
     depth = np.zeros((len(poses_cam_obj), *shape), dtype=np.float32)
-    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
 
     def draw(index: int) -> None:
-        corners = _corners(transform(poses_cam_obj[index], mesh.vertices), camera_matrix)
-        (left, top), (right, bottom) = _box(corners, shape)
-        # Whole pixels are subtracted without rounding: the same bits as in the whole image.
-        corners[:, :2] -= left, top
-        inverse_depth, triangles = _empty((bottom - top, right - left))
-        fill_triangles(corners, faces, inverse_depth, triangles, 0)
-        depth[index, top:bottom, left:right] = _depth(inverse_depth)
+        rows, columns, drawn = render_box(mesh, poses_cam_obj[index], camera_matrix, shape)
+        depth[index, rows, columns] = drawn
 
     ThreadTeam(threads).map(draw, len(depth))
     return depth
+
+
+def render_box(
+    mesh: Mesh, pose_cam_obj: Pose, camera_matrix: CameraMatrix, shape: tuple[int, int]
+) -> tuple[slice, slice, Image]:
+    """Rows and columns of an image that a mesh in a pose spans; its depth (m, 0: nothing) there.
+
+    The depth has the same bits as in the whole image.
+    """
+    corners = _corners(transform(pose_cam_obj, mesh.vertices), camera_matrix)
+    (left, top), (right, bottom) = _box(corners, shape).tolist()
+    corners[:, :2] -= left, top  # whole pixels are subtracted without rounding
+    inverse_depth, triangles = _empty((bottom - top, right - left))
+    fill_triangles(corners, np.ascontiguousarray(mesh.faces, np.int32), inverse_depth, triangles, 0)
+    return slice(top, bottom), slice(left, right), _depth(inverse_depth)
 
 
 def render_rgbd(

@@ -3,11 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from hlp.arrays import Pose
-from hlp.refinement.occlusion import Surface, with_hidden
 from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Observation, Verifier
+
+_NEARER = np.float32(0.5)  # of the object's distance: by far more than τ_d in front of it
 
 
 class FrameFits:
@@ -53,14 +56,16 @@ class FrameFits:
         colorless = [not self._verifier(each).model.mesh.colored for each, _ in instances]
         if len(instances) < 2 or not any(colorless):
             return
-        surfaces = [Surface.of(self._verifier(each), seen, pose) for each, pose in instances]
+        drawn = [self._verifier(each).depth_of(seen, pose) for each, pose in instances]
         for row, (object_id, pose) in enumerate(instances):
             if not colorless[row]:
                 continue
-            left = with_hidden(seen, surfaces[row], surfaces[:row] + surfaces[row + 1 :])
+            own, depth = drawn[row], seen.depth.copy()
+            hidden = own.hidden_by(drawn[:row] + drawn[row + 1 :], depth)
+            own.part(depth)[hidden] = _NEARER * own.depth[hidden]
             before = self.measure(object_id, pose)
             self._known[object_id, pose.tobytes()] = replace(
-                measure_fit(self._verifier(object_id), left, pose),
+                measure_fit(self._verifier(object_id), replace(seen, depth=depth), pose),
                 appearance=before.appearance,
                 visible_fraction=before.visible_fraction,
             )

@@ -143,12 +143,14 @@ def _edge_share(
     direction = round(float(np.arctan2(along[0], -along[1])) / np.pi * DIRECTIONS) % DIRECTIONS
     edges = observation.edges_of(verifier.model)
     edges = observation.depth_edge_distance if edges is None else edges
-    agreeing, rendered = verifier.explained(observation, found)
+    drawn = verifier.depth_of(observation, found)
+    agreeing = drawn.explains(observation.depth, verifier.tau_depth)
     x, y = np.floor(pixels + 0.5).astype(int).T
-    seen = (x >= 0) & (y >= 0) & (x < rendered.shape[1]) & (y < rendered.shape[0])
-    row, column = y[seen], x[seen]
+    row, column = y - drawn.rows.start, x - drawn.columns.start
+    seen = (row >= 0) & (column >= 0) & (row < agreeing.shape[0]) & (column < agreeing.shape[1])
+    row, column = row[seen], column[seen]
     seen[seen] = agreeing[row, column] & (
-        np.abs(rendered[row, column] - points[seen, 2]) < _SAME_SURFACE
+        np.abs(drawn.depth[row, column] - points[seen, 2]) < _SAME_SURFACE
     )
     near = np.zeros(len(points), dtype=bool)
     near[seen] = edges[direction, y[seen], x[seen]] <= _NEAR

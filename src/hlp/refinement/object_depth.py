@@ -1,0 +1,78 @@
+"""The depth of an object at a pose, in the part of an image around it, and what hides it there."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from hlp.arrays import CameraMatrix, Image, Mask, Pose
+from hlp.records import Mesh
+from hlp.rendering.rasterizer import render_box
+
+BORDER = 5  # px around the object
+_IN_FRONT = 0.002  # m: poses are no more exact (D)
+
+
+@dataclass(frozen=True)
+class ObjectDepth:
+    """Depth (m, 0: nothing) of an object in some rows and columns of an image; 0 in all others."""
+
+    rows: slice
+    columns: slice
+    depth: Image
+
+    @classmethod
+    def of(
+        cls, mesh: Mesh, pose_cam_obj: Pose, camera_matrix: CameraMatrix, shape: tuple[int, int]
+    ) -> Self:
+        """That of a mesh at a pose, `BORDER` pixels around it included, in an image of a shape."""
+        rows, columns, drawn = render_box(mesh, pose_cam_obj, camera_matrix, shape)
+        wider = [
+            slice(max(span.start - BORDER, 0), min(span.stop + BORDER, size))
+            for span, size in zip((rows, columns), shape, strict=True)
+        ]
+        depth = np.zeros([span.stop - span.start for span in wider], dtype=np.float32)
+        inside = (
+            slice(span.start - wide.start, span.stop - wide.start)
+            for span, wide in zip((rows, columns), wider, strict=True)
+        )
+        depth[tuple(inside)] = drawn
+        return cls(wider[0], wider[1], depth)
+
+    def part(self, image: Image) -> Image:
+        """The rows and columns of a whole image."""
+        return np.asarray(image[self.rows, self.columns])
+
+    def explains(self, depth: Image, tolerance: float) -> Mask:
+        """Pixels of the part whose depth (m), in a whole image, the object explains."""
+        near = np.abs(self.part(depth) - self.depth) <= tolerance
+        return np.asarray((self.depth > 0.0) & near)
+
+    def hidden_by(self, others: Iterable["ObjectDepth"], depth: Image) -> Mask:
+        """Pixels of the part where others hide the object.
+
+        They are in front of it there, and nearer to the `depth` that the whole image shows.
+
+        Packed parts touch: the side of one lies behind the front of its neighbour by less than the
+        verification tolerates (τ_d), so that it would speak against a right pose.
+        """
+        seen = self.part(depth)
+        hidden = np.zeros(self.depth.shape, dtype=bool)
+        for other in others:
+            front = other._in_part_of(self)
+            before = (seen > 0.0) & (front > 0.0) & (front < self.depth - _IN_FRONT)
+            hidden |= before & (np.abs(seen - front) < np.abs(seen - self.depth))
+        return hidden
+
+    def _in_part_of(self, other: "ObjectDepth") -> Image:
+        """Its depth in the rows and columns of another one."""
+        depth = np.zeros_like(other.depth)
+        here, there = [], []
+        for own, wanted in ((self.rows, other.rows), (self.columns, other.columns)):
+            first = max(own.start, wanted.start)
+            last = max(min(own.stop, wanted.stop), first)
+            here.append(slice(first - own.start, last - own.start))
+            there.append(slice(first - wanted.start, last - wanted.start))
+        depth[tuple(there)] = self.depth[tuple(here)]
+        return depth

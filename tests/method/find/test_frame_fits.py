@@ -1,0 +1,63 @@
+"""How well poses fit a frame, each measured once; packed parts do not speak against each other."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+import trimesh
+
+from hlp.geometry import rigid
+from hlp.method.find import frame_fits
+from hlp.method.find.frame_fits import FrameFits
+from hlp.refinement.score_model import COLORLESS_PRIOR
+from packed_boxes import WHITE, box, frame
+
+AWAY = trimesh.transformations.rotation_matrix(0.35, [0, 1, 0])[:3, :3]
+SIDE = AWAY @ np.array([0.06, 0.0, 0.0])
+PACKED = rigid(AWAY, np.array([0.0, 0.0, 0.7]) + np.array([0.0, 1.0])[:, None] * SIDE)
+"""Two boxes side by side: the second hides a side of the first."""
+
+
+@pytest.fixture
+def fits():
+    verifier = box()
+    seen = frame(verifier, WHITE, WHITE, poses=PACKED).observation
+    return FrameFits(seen, lambda _: verifier, lambda _: COLORLESS_PRIOR), verifier, seen
+
+
+def test_a_pose_is_measured_once(fits, monkeypatch):
+    own, *_ = fits
+    measured = Mock(side_effect=lambda *_: SimpleNamespace())
+    monkeypatch.setattr(frame_fits, "measure_fit", measured)
+    first = own.measure(1, PACKED[0])
+    assert own.measure(1, PACKED[0]) is first is not own.measure(1, PACKED[1])
+    assert own.measure(2, PACKED[0]) is not first and measured.call_count == 3
+
+
+def test_what_a_neighbour_hides_does_not_speak_against_a_part(fits):
+    own, *_ = fits
+    own.set_appearance(1, PACKED[0], 0.7)
+    before, score = own.measure(1, PACKED[0]), own.score(1, PACKED[0])
+    own.measure_among([(1, PACKED[0]), (1, PACKED[1])])
+    after = own.measure(1, PACKED[0])
+    assert before.plane_deviation_mm > 3.0 and after.plane_deviation_mm < 0.5  # a face is left
+    assert after.cost < 0.8 * before.cost
+    assert own.score(1, PACKED[0]) > score
+    assert (after.appearance, after.visible_fraction) == (0.7, before.visible_fraction)
+
+
+def test_alone_or_with_colours_a_fit_stays(fits):
+    own, verifier, seen = fits
+    before = own.measure(1, PACKED[0])
+    own.measure_among([(1, PACKED[0])])
+    own.measure_among([])
+    assert own.measure(1, PACKED[0]) is before
+    colored = replace(verifier.model, mesh=replace(verifier.model.mesh, colored=True))
+    painted = SimpleNamespace(model=colored, depth_of=verifier.depth_of)
+    kinds = {1: verifier, 2: painted}
+    both = FrameFits(seen, kinds.__getitem__, lambda _: COLORLESS_PRIOR)
+    both._known[2, PACKED[1].tobytes()] = before
+    both.measure_among([(1, PACKED[0]), (2, PACKED[1])])
+    assert both.measure(2, PACKED[1]) is before

@@ -1,0 +1,71 @@
+"""Turns about the axis of what is nearly of revolution, and which of them is chosen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from hlp.geometry import rigid, rotation_distance, transform
+from hlp.records import ObjectModel
+from hlp.refinement.choice import choose_among_alike
+from hlp.refinement.revolution import turns_about_axis
+from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from hlp.rendering.rasterizer import render_rgbd
+from hlp.rendering.shading import FRONTAL_LIGHT
+from refinement_scene import CAMERA, SHAPE, as_mesh
+
+TURNED = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
+SETTINGS = VerificationSettings()
+
+
+def model_of(shape):
+    mesh = as_mesh(shape)
+    spread = mesh.vertices[:, None] - mesh.vertices
+    diameter = float(np.linalg.norm(spread, axis=-1).max())
+    return ObjectModel(1, "part", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+
+
+def mug():
+    """A cylinder with a handle, whose axis is turned and away from the centre of its box."""
+    body = trimesh.creation.cylinder(0.04, 0.09, sections=48)
+    handle = trimesh.creation.box((0.02, 0.008, 0.05))
+    handle.apply_translation([0.048, 0.0, 0.0])
+    shape = trimesh.util.concatenate([body, handle])
+    shape.apply_transform(TURNED)
+    return shape
+
+
+def test_turns_leave_the_axis_where_it_is():
+    turns = turns_about_axis(model_of(mug()))
+    np.testing.assert_array_equal(turns[0], np.eye(4))
+    on_axis = transform(TURNED, np.array([[0.0, 0.0, -0.04], [0.0, 0.0, 0.04]]))
+    for turn in turns:
+        np.testing.assert_allclose(transform(turn, on_axis), on_axis, atol=5e-4)
+    angles = np.degrees(rotation_distance(turns[:-1, :3, :3], turns[1:, :3, :3]))
+    np.testing.assert_allclose(angles, 10.0, atol=1e-6)
+    assert len(turns) == 36
+
+
+def test_other_shapes_and_symmetric_ones_have_no_turns():
+    identity = np.eye(4)[None]
+    boxes = model_of(trimesh.creation.box((0.1, 0.06, 0.03)))
+    round_one = model_of(mug())
+    flipped = np.diag([1.0, -1.0, -1.0, 1.0])[None]
+    symmetric = replace(round_one, symmetries=np.concatenate([identity, flipped]))
+    printed = replace(round_one, near_symmetries=flipped)
+    for model in (boxes, symmetric, printed):
+        np.testing.assert_array_equal(turns_about_axis(model), identity)
+
+
+@pytest.mark.parametrize("angle", [0.0, 50.0, 180.0])
+def test_the_turn_with_the_handle_in_its_place_is_chosen(angle):
+    verifier = Verifier(model_of(mug()), SETTINGS)
+    upright = trimesh.transformations.rotation_matrix(2.2, [1, 0, 0])[:3, :3]
+    true = rigid(upright, np.array([0.0, 0.0, 0.6])) @ np.linalg.inv(TURNED)
+    rgb, depth = render_rgbd(verifier.mesh, true, CAMERA, SHAPE, FRONTAL_LIGHT)
+    seen = observe(rgb, depth, CAMERA, SETTINGS)
+    found = choose_among_alike(verifier, seen, true @ verifier.turns[round(angle / 10.0)])
+    np.testing.assert_allclose(found, true, atol=1e-3)
+    box = Verifier(model_of(trimesh.creation.box((0.1, 0.06, 0.03))), SETTINGS)
+    assert choose_among_alike(box, seen, true) is true
