@@ -7,10 +7,12 @@ import pytest
 from scipy.ndimage import distance_transform_edt, sobel
 
 from hlp.image_edges import NO_EDGE, color_edges
+from hlp.refinement import verification
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification import Evidence, VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth, render_rgbd
 from hlp.rendering.shading import Light
+from packed_boxes import POSES, WHITE, box, frame
 from refinement_scene import CAMERA, SHAPE, disturbed, error, make_scene
 
 AMBIENT = Light((0.0, 0.0, -1.0), 1.0, 0.0, 0.0, 1.0)
@@ -191,3 +193,15 @@ def test_colour_edges_count_for_objects_without_colours_only(scene):
     assert seen.edges_of(gray) is seen.edge_distance
     no_color = replace(VerificationSettings(), tau_image_edge_mm=None)
     assert observe(scene.rgb, scene.depth, CAMERA, no_color).edges_of(gray) is None
+
+
+def test_an_objects_depth_is_drawn_once_in_an_image_and_its_copies(monkeypatch):
+    """By each verifier for itself; what was drawn does not grow without end."""
+    verifier, other, seen = box(), box((0.04, 0.1, 0.08)), frame(box(), WHITE).observation
+    drawn = verifier.depth_of(seen, POSES[1])
+    rest = verifier.without_explained(seen, POSES[1])
+    assert verifier.depth_of(rest, POSES[1].copy()) is drawn is not other.depth_of(seen, POSES[1])
+    monkeypatch.setattr(verification, "_DRAWN", 2)  # which are there already
+    again = verifier.depth_of(seen, POSES[0])
+    np.testing.assert_array_equal(verifier.depth_of(seen, POSES[1]).depth, drawn.depth)
+    assert len(seen.drawn) == 2 and verifier.depth_of(seen, POSES[0]) is again

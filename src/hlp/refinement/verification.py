@@ -5,7 +5,7 @@ from any source. In addition to depth and depth edges, it uses colour: the visib
 have the model's chromaticity. Brightness is ignored, since it depends on the light.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, NamedTuple
 
@@ -25,6 +25,7 @@ from hlp.refinement.verification_kernel import COLOR_OFFSET, SeenImages, Toleran
 from hlp.rendering.zbuffer import DIRECTIONS, prepare_mesh
 from hlp.settings import Doc, NotNegative, Positive, Settings
 
+_DRAWN = 500  # depths of objects that are kept: some 20 MB
 _NEAR_DIRECTION = 3  # 16ths of half a turn
 _MIN_SUPPORT, _MIN_SHARE = 1e-12, 0.01  # keep the logarithm of the support finite
 
@@ -120,7 +121,8 @@ class Observation:
     `edge_distance` is each pixel's distance (px) to what may be an edge whose gradient has a
     direction of 0°, 45°, 90° or 135°: the nearest edgelet of depth, whatever its direction, or the
     nearest edge of colour, whose distance counts in units of its own limit; None where edges of
-    colour are not looked for. For `depth_edge_distance` depth alone counts.
+    colour are not looked for. For `depth_edge_distance` depth alone counts. `drawn` are the depths
+    of objects that were drawn last, by verifier and the pose's bytes: most are needed again.
     """
 
     rgb: Rgb
@@ -128,6 +130,7 @@ class Observation:
     camera_matrix: CameraMatrix
     edge_distance: Float32[np.ndarray, "4 h w"] | None
     depth_edge_distance: Float32[np.ndarray, "4 h w"]
+    drawn: dict[tuple["Verifier", bytes], ObjectDepth] = field(default_factory=dict, repr=False)
 
     def edges_of(self, model: ObjectModel) -> Float32[np.ndarray, "4 h w"] | None:
         """Distances to edges of depth or colour; None for objects with colours, which tell more."""
@@ -217,8 +220,13 @@ class Verifier:
 
     def depth_of(self, observation: Observation, pose_cam_obj: Pose) -> ObjectDepth:
         """The object's depth at a pose, in the image of an observation."""
-        height, width = observation.depth.shape
-        return ObjectDepth.of(self.mesh, pose_cam_obj, observation.camera_matrix, (height, width))
+        known, key = observation.drawn, (self, pose_cam_obj.tobytes())
+        if (found := known.get(key)) is None:
+            if len(known) >= _DRAWN:
+                known.clear()
+            (height, width), camera = observation.depth.shape, observation.camera_matrix
+            found = known[key] = ObjectDepth.of(self.mesh, pose_cam_obj, camera, (height, width))
+        return found
 
     def without_explained(self, observation: Observation, pose_cam_obj: Pose) -> Observation:
         """The image without depth where the object at this pose explains it, up to τ_d."""
