@@ -15,11 +15,12 @@ from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import REFINERS, IsHopeless, Refinement, Refiner, cost_around
 from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
 from hlp.refinement.verification import Observation, VerificationSettings
-from hlp.settings import Doc, NotNegative, Settings, SettingsError, Share
+from hlp.settings import Doc, NotNegative, Settings, SettingsError
 from hlp.threads import ThreadTeam, threads_here
 
 _SECOND_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17  # random streams; hypotheses use 0, 1, …
 _EARLY = 4  # iterations after which a hopeless pose is given up (D)
+_HOPELESS = 0.3  # of the highest cost: what costs more then, of an object without colours (D)
 
 
 @dataclass(frozen=True)
@@ -79,13 +80,6 @@ class PsoSettings(Settings):
             "best (the text: until no particle improves)"
         ),
     ] = "swarm"
-    hopeless_share: Annotated[
-        Share | None,
-        Doc(
-            "a hypothesis of an object without colours is given up if it soon costs more than this "
-            "share of the highest cost (D); null: never (P)"
-        ),
-    ] = 0.3
     follow: FollowSettings = field(default_factory=FollowSettings)
 
     def __post_init__(self) -> None:
@@ -94,12 +88,6 @@ class PsoSettings(Settings):
         total = self.phi_1 + self.phi_2
         if not total > 4.0:
             raise SettingsError("phi_1 + phi_2", f"is {total}: it must be above 4")
-
-    def hopeless_cost(self, model: ObjectModel) -> float:
-        """Cost above which a hypothesis of an object is soon given up; infinite: none is."""
-        if model.mesh.colored or self.hopeless_share is None:
-            return np.inf
-        return self.hopeless_share * (self.cost.weight_depth + self.cost.weight_image_edge)
 
     def build(self, threads: int) -> "PsoRefiner":
         """The refiner; each thread refines whole hypotheses. Threads do not affect results."""
@@ -129,7 +117,8 @@ class PsoRefiner(Refiner):
         poses = hypotheses.poses_cam_obj
         at_once = min(threads_here(self._team.threads), len(poses))
         end = time.perf_counter() + self._remaining(spent)
-        highest = self._settings.hopeless_cost(model)
+        weights = self._settings.cost.weight_depth + self._settings.cost.weight_image_edge
+        highest = np.inf if model.mesh.colored else _HOPELESS * weights
 
         def refine_one(index: int) -> Refinement:
             now = time.perf_counter()
