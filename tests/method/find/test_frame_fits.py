@@ -48,12 +48,14 @@ def test_what_a_neighbour_hides_does_not_speak_against_a_part(fits):
     assert (after.appearance, after.visible_fraction) == (0.7, before.visible_fraction)
 
 
-def test_alone_or_with_colours_a_fit_stays(fits):
+def test_alone_in_front_or_with_colours_a_fit_stays(fits):
     own, verifier, seen = fits
-    before = own.measure(1, PACKED[0])
+    before, front = (own.measure(1, pose) for pose in PACKED)
     own.measure_among([(1, PACKED[0])])
     own.measure_among([])
     assert own.measure(1, PACKED[0]) is before
+    own.measure_among([(1, PACKED[0]), (1, PACKED[1])])
+    assert own.measure(1, PACKED[1]) is front
     colored = replace(verifier.model, mesh=replace(verifier.model.mesh, colored=True))
     painted = SimpleNamespace(model=colored, depth_of=verifier.depth_of)
     kinds = {1: verifier, 2: painted}

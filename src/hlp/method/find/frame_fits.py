@@ -58,10 +58,10 @@ class FrameFits:
             return
         drawn = [self._verifier(each).depth_of(seen, pose) for each, pose in instances]
         for row, (object_id, pose) in enumerate(instances):
-            if not colorless[row]:
+            own, others, depth = drawn[row], drawn[:row] + drawn[row + 1 :], seen.depth.copy()
+            hidden = own.hidden_by(others, depth)
+            if not (colorless[row] and hidden.any()):
                 continue
-            own, depth = drawn[row], seen.depth.copy()
-            hidden = own.hidden_by(drawn[:row] + drawn[row + 1 :], depth)
             own.part(depth)[hidden] = _NEARER * own.depth[hidden]
             before = self.measure(object_id, pose)
             self._known[object_id, pose.tobytes()] = replace(
