@@ -29,7 +29,7 @@ def model_of(shape):
 def mug():
     """A cylinder with a handle, whose axis is turned and away from the centre of its box."""
     body = trimesh.creation.cylinder(0.04, 0.09, sections=48)
-    handle = trimesh.creation.box((0.02, 0.008, 0.05))
+    handle = trimesh.creation.box((0.02, 0.008, 0.03))
     handle.apply_translation([0.048, 0.0, 0.0])
     shape = trimesh.util.concatenate([body, handle])
     shape.apply_transform(TURNED)
@@ -41,7 +41,7 @@ def test_turns_leave_the_axis_where_it_is():
     np.testing.assert_array_equal(turns[0], np.eye(4))
     on_axis = transform(TURNED, np.array([[0.0, 0.0, -0.04], [0.0, 0.0, 0.04]]))
     for turn in turns:
-        np.testing.assert_allclose(transform(turn, on_axis), on_axis, atol=5e-4)
+        np.testing.assert_allclose(transform(turn, on_axis), on_axis, atol=1e-3)
     angles = np.degrees(rotation_distance(turns[:-1, :3, :3], turns[1:, :3, :3]))
     np.testing.assert_allclose(angles, 10.0, atol=1e-6)
     assert len(turns) == 36

@@ -10,7 +10,7 @@ from hlp.arrays import CameraMatrix, Image, Mask, Pose
 from hlp.records import Mesh
 from hlp.rendering.rasterizer import render_box
 
-BORDER = 5  # px around the object
+BORDER = 5  # px around the object: more than what is looked at around one of its pixels
 _IN_FRONT = 0.002  # m: poses are no more exact (D)
 
 
@@ -27,18 +27,7 @@ class ObjectDepth:
         cls, mesh: Mesh, pose_cam_obj: Pose, camera_matrix: CameraMatrix, shape: tuple[int, int]
     ) -> Self:
         """That of a mesh at a pose, `BORDER` pixels around it included, in an image of a shape."""
-        rows, columns, drawn = render_box(mesh, pose_cam_obj, camera_matrix, shape)
-        wider = [
-            slice(max(span.start - BORDER, 0), min(span.stop + BORDER, size))
-            for span, size in zip((rows, columns), shape, strict=True)
-        ]
-        depth = np.zeros([span.stop - span.start for span in wider], dtype=np.float32)
-        inside = (
-            slice(span.start - wide.start, span.stop - wide.start)
-            for span, wide in zip((rows, columns), wider, strict=True)
-        )
-        depth[tuple(inside)] = drawn
-        return cls(wider[0], wider[1], depth)
+        return cls(*render_box(mesh, pose_cam_obj, camera_matrix, shape, BORDER))
 
     def part(self, image: Image) -> Image:
         """The rows and columns of a whole image."""

@@ -9,14 +9,13 @@ from jaxtyping import Float
 from hlp.arrays import Image, Mask, Pose
 from hlp.geometry import project, transform
 from hlp.records import MILLIMETRES_PER_METRE
-from hlp.refinement.object_depth import BORDER
 from hlp.refinement.texture import ColorAgreement, color_agreement
 from hlp.refinement.verification import Observation, Verifier
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.surface import broadest_side
 
 _LEAST_PIXELS = 30
-_INSIDE = np.ones((BORDER, BORDER), np.uint8)  # must lie in the silhouette around a pixel
+_INSIDE = np.ones((5, 5), np.uint8)  # px around a pixel that must lie in the silhouette
 _LIMIT = 2.0  # τ_d: what is farther behind counts as this far
 _SLOPE_SHARE = 0.05  # of the silhouette's longer side: radius over which depth is averaged
 _LEAST_INSIDE = 0.1  # of a silhouette, by which the whole one is guessed

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.arrays import Point, Points, Poses
-from hlp.geometry import rigid, transform
+from hlp.geometry import rigid, rotation_matrices, transform
 from hlp.records import ObjectModel
 from hlp.rendering.surface import sample_surface
 
@@ -42,10 +42,9 @@ def turns_about_axis(model: ObjectModel) -> Poses:
 
 
 def _turns(axis: Point, through: Point) -> Poses:
-    """Turns about an axis (unit) through a point (Rodrigues)."""
-    angles = np.arange(_STEPS)[:, None, None] * (2.0 * np.pi / _STEPS)
-    cross = np.cross(np.eye(3), axis).T
-    rotations = np.eye(3) + np.sin(angles) * cross + (1.0 - np.cos(angles)) * cross @ cross
+    """Turns about an axis (unit) through a point."""
+    halves = np.arange(_STEPS)[:, None] * (np.pi / _STEPS)
+    rotations = rotation_matrices(np.hstack([np.sin(halves) * axis, np.cos(halves)]))
     return rigid(rotations, through - rotations @ through)
 
 

@@ -95,14 +95,19 @@ def render_depth(
 
 
 def render_box(
-    mesh: Mesh, pose_cam_obj: Pose, camera_matrix: CameraMatrix, shape: tuple[int, int]
+    mesh: Mesh,
+    pose_cam_obj: Pose,
+    camera_matrix: CameraMatrix,
+    shape: tuple[int, int],
+    border: int = 0,
 ) -> tuple[slice, slice, Image]:
     """Rows and columns of an image that a mesh in a pose spans; its depth (m, 0: nothing) there.
 
-    The depth has the same bits as in the whole image.
+    The depth has the same bits as in the whole image. With a `border` (px) around what is spanned,
+    as far as the image goes.
     """
     corners = _corners(transform(pose_cam_obj, mesh.vertices), camera_matrix)
-    (left, top), (right, bottom) = _box(corners, shape).tolist()
+    (left, top), (right, bottom) = _box(corners, shape, border).tolist()
     corners[:, :2] -= left, top  # whole pixels are subtracted without rounding
     inverse_depth, triangles = _empty((bottom - top, right - left))
     fill_triangles(corners, np.ascontiguousarray(mesh.faces, np.int32), inverse_depth, triangles, 0)
@@ -173,13 +178,13 @@ def _corners(points_cam: Points, camera_matrix: CameraMatrix) -> Points:
     return corners
 
 
-def _box(corners: Points, shape: tuple[int, int]) -> Int[np.ndarray, "2 2"]:
+def _box(corners: Points, shape: tuple[int, int], border: int) -> Int[np.ndarray, "2 2"]:
     """First pixel (x, y) and the one past the last that corners in front of the camera span."""
     drawn, end = corners[corners[:, 2] > 0.0, :2], np.array(shape[::-1])
-    if len(drawn) == 0:
-        return np.zeros((2, 2), dtype=np.int64)
-    first = np.clip(np.floor(drawn.min(axis=0)), 0, end).astype(np.int64)
-    return np.stack([first, np.clip(np.ceil(drawn.max(axis=0)) + 1, first, end).astype(np.int64)])
+    drawn = drawn if len(drawn) else np.zeros((1, 2))  # a pixel in which nothing is
+    first = np.clip(np.floor(drawn.min(axis=0)), 0, end)
+    last = np.clip(np.ceil(drawn.max(axis=0)) + 1, first, end)
+    return np.asarray(np.clip([first - border, last + border], 0, end), dtype=np.int64)
 
 
 def _depth(inverse_depth: Image) -> Image:

@@ -245,7 +245,7 @@ def search_again(
     """Costs of all particles in the search that one of an object's refined poses comes from.
 
     None if the search cannot be repeated with the same pose as end: it had another refiner or a
-    time budget, or comes from the fallback, whose coarse poses are not kept.
+    time budget, was given up, or comes from the fallback, whose coarse poses are not kept.
     """
     settings = detection.settings.refinement
     refined, coarse = found.trace[object_id].refined, found.trace[object_id].hypotheses
@@ -262,7 +262,7 @@ def search_again(
     pose, iterations = search(cost, start, model.centroid, settings, rng)
     if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
         pose = choose_among_alike(Verifier(model, settings.verification), seen, pose)
-        # The first refinement of a look has the seed of the look, as its last one has.
+        # The first refinement has the seed of the second search; later ones have larger ones.
         refiner, seed = settings.build(threads=1), int(refined.seeds[:, 0].min())
         before = Refinement(pose, iterations)
         refined_once_more = refiner.second_search(model, seen, before, seed)

@@ -92,3 +92,16 @@ def test_a_search_stops_after_a_stage_and_takes_what_is_given():
     fine = search(estimator, counts, given=coarse, **alone)
     assert estimator.done[3:] == [] and estimator.searched == [5, 3]
     assert [*fine] == [5, 3] and set(fine[5].seconds) == set(STEPS)
+
+
+def test_what_is_left_of_all_objects_is_measured_together_before_each_fit(monkeypatch):
+    """Colours or not: what hides a part may be an instance of another object."""
+    poses = {5: [np.eye(4), 2.0 * np.eye(4)], 3: [3.0 * np.eye(4)], 9: []}
+    left = {i: SimpleNamespace(chosen_poses=own) if own else None for i, own in poses.items()}
+    monkeypatch.setattr("hlp.method.find.search.resolve_conflicts", lambda *_: left)
+    fits = Mock(measure=lambda object_id, pose: (object_id, pose[0, 0]))
+    context = SimpleNamespace(estimator=Estimator(1, 1), fits=fits)
+    trace = search_frame(context, dict.fromkeys(poses, 2), by_threads=False)
+    (among,) = fits.measure_among.call_args.args
+    assert [(i, pose[0, 0]) for i, pose in among] == [(5, 1.0), (5, 2.0), (3, 3.0)]
+    assert [found.fits for found in trace.values()] == [((5, 1.0), (5, 2.0)), ((3, 3.0),), ()]
