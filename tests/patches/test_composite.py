@@ -5,6 +5,7 @@ import pytest
 from scipy.ndimage import convolve
 
 from hlp.patches.composite import NOISE_LENGTH, BackgroundPool, ObjectWindows, compose_windows
+from hlp.patches.holistic import Windows, cut_windows
 from hlp.patches.holistic_data import draw_composites
 
 COUNT, SIZE, BACKGROUNDS = 60, 32, 7
@@ -71,7 +72,10 @@ def reference(i, draw):
     depth = np.where(occluded, plane(draw["occluder_plane"]), depth)
     noise = NOISE[start + 3 * pixels : start + 4 * pixels].reshape(depth.shape)
     depth = np.clip(depth + draw["depth_shift"] + noise * draw["depth_noise"], -1, 1)
-    return image, np.where(smooth(draw["holes"]) > draw["hole_level"], 1.0, depth)
+    depth = np.where(smooth(draw["holes"]) > draw["hole_level"], 1.0, depth)
+    top, bottom, left, right = draw["image"]
+    inside = (y >= top) & (y < bottom) & (x >= left) & (x < right)
+    return np.where(inside[..., None], image, -1.0), np.where(inside, depth, 1.0)
 
 
 def test_each_image_is_what_plain_numpy_makes_of_the_same_draws():
@@ -85,6 +89,22 @@ def test_each_image_is_what_plain_numpy_makes_of_the_same_draws():
         np.testing.assert_allclose(images[i, ..., :3], color, atol=0.05)
         wrong = np.abs(images[i, ..., 3] - depth) > 1e-5
         assert wrong.sum() <= 1  # rounding at the edge of a hole
+
+
+def test_beyond_the_border_a_window_is_what_one_cut_at_the_images_border_is():
+    drawn = draws()
+    drawn["image"][:2] = [[0, SIZE, 12, SIZE], [0, 20, 0, SIZE]]
+    left, below = composed(drawn)[:2]
+    rgb, depth = np.full((60, 80, 3), 200, np.uint8), np.full((60, 80), 0.7, np.float32)
+    centers = np.array([[3.5, 30.0], [40.0, 55.5]])  # of 32 px: 12 columns, 12 rows lie outside
+    windows = Windows(centers, np.full(2, 0.7), np.full(2, float(SIZE)))
+    color, code = cut_windows(rgb, depth, windows, 0.1, SIZE)
+    for image, seen, measured in zip((left, below), color, code, strict=True):
+        outside = seen[..., 0] == 0
+        assert outside.sum() == 12 * SIZE
+        np.testing.assert_array_equal(image[outside, :3], seen[outside] / 127.5 - 1.0)
+        np.testing.assert_array_equal(image[outside, 3], (measured[outside] - 128.0) / 127.0)
+        assert (image[~outside, :3] > -1.0).any(axis=-1).mean() > 0.9
 
 
 def test_threads_and_depth_change_no_colour():
@@ -107,6 +127,11 @@ def test_draws_stay_within_their_ranges(seed):
     rows = (drawn["top"] < 35) & (drawn["bottom"] > 29)
     columns = (drawn["left"] < 35) & (drawn["right"] > 29)
     assert not (shown & rows & columns).any()  # no occluder over the centre
+    top, bottom, left, right = drawn["image"].T
+    cut_off = (top > 0) | (bottom < 64) | (left > 0) | (right < 64)
+    assert 0.15 < cut_off.mean() < 0.23
+    assert max(top.max(), left.max()) <= 32 <= min(bottom.min(), right.min())
+    assert 0.3 < (top > 0).sum() / ((top > 0) | (bottom < 64)).sum() < 0.7
     grey = drawn["color_mix"].sum(axis=2)  # what a white surface becomes
     assert np.log(grey).std() > 0.25
     assert drawn["gamma"].min() > 0 and drawn["contrast"].min() >= 0.3

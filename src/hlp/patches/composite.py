@@ -7,7 +7,7 @@ pass, which keeps the image in the processor's cache.
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
 
 from hlp.arrays import ColorPatches, DepthCodes, MaskPatches, Values
 from hlp.kernels import compiled, compiled_ahead
@@ -26,6 +26,7 @@ COMPOSITE_DRAWS = np.dtype(
         ("bottom", "i4"),
         ("left", "i4"),
         ("right", "i4"),
+        ("image", "i4", (4,)),  # the camera's image: first and end of its rows, then of its columns
         ("background", "i4"),  # index of the background, and of the one that the occluder shows
         ("occluder", "i4"),
         ("background_gain", "f4"),
@@ -120,6 +121,18 @@ def _compose(
         if out.shape[3] == 4:
             behind = backgrounds.depth[draw["background"]]
             _compose_depth(code[i], mask[i], behind, draw, noise, start, out[i])
+        _cut_off(out[i], draw["image"])
+
+
+@compiled()
+def _cut_off(window: Float[np.ndarray, "p p c"], image: Int32[np.ndarray, "4"]) -> None:
+    """Leave nothing of a window beyond the image's border: black and without depth."""
+    size = window.shape[0]
+    for y in range(size):
+        for x in range(size):
+            if not (image[0] <= y < image[1] and image[2] <= x < image[3]):
+                window[y, x, :3] = -1.0
+                window[y, x, 3:] = _NO_DEPTH
 
 
 @compiled()

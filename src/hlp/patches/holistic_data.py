@@ -14,6 +14,8 @@ from hlp.patches.composite import (
 from hlp.patches.holistic_pool import BACKGROUND, HolisticPool
 from hlp.patches.pool_loader import Batch, PoolDataModule
 
+_CUT_OFF = 0.1  # share of the windows that reach beyond the image vertically, or horizontally (D)
+
 
 class HolisticDataModule(PoolDataModule):
     """Composites of pooled windows and backgrounds.
@@ -70,8 +72,9 @@ def draw_composites(
 ) -> np.ndarray:
     """Random numbers (type COMPOSITE_DRAWS) for `count` images of `size` px.
 
-    Random white balance, exposure, blur, noise, occluders and backgrounds let a network that is
-    trained on renderings work on real images. Light is random in the rendered views already.
+    Random white balance, exposure, blur, noise, occluders, borders and backgrounds let a network
+    that is trained on renderings work on real images. Light is random in the rendered views
+    already.
     """
     draws = np.zeros(count, COMPOSITE_DRAWS)
     draws["background_only"] = rng.random(count) < background_share
@@ -85,6 +88,7 @@ def draw_composites(
     _draw_depths(rng, draws)
     _center_backgrounds(draws)
     draws["noise_start"] = rng.integers(NOISE_LENGTH - 4 * size * size, size=count)
+    _draw_borders(rng, draws, size)
     return draws
 
 
@@ -113,6 +117,16 @@ def _draw_occluders(rng: np.random.Generator, draws: np.ndarray, size: int) -> N
     shown = (rng.random(count) < 1 / 3) & ~middle
     draws["top"], draws["left"] = low.T
     draws["bottom"], draws["right"] = np.where(shown[:, None], high, low).T
+
+
+def _draw_borders(rng: np.random.Generator, draws: np.ndarray, size: int) -> None:
+    """The image ends within a fifth of the windows, on one side or on two, never at the centre."""
+    shape = len(draws), 2  # up or down, left or right
+    beyond = np.where(rng.random(shape) < _CUT_OFF, rng.uniform(0.0, 0.5, shape), 0.0)
+    beyond = np.rint(beyond * size).astype(int)
+    before = rng.random(shape) < 0.5
+    draws["image"][:, ::2] = np.where(before, beyond, 0)
+    draws["image"][:, 1::2] = size - np.where(before, 0, beyond)
 
 
 def _draw_colors(rng: np.random.Generator, draws: np.ndarray) -> None:
