@@ -111,6 +111,18 @@ def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(verifier):
     assert found_places(colored) == [0, 1]
 
 
+def test_one_beside_a_sure_one_is_likelier_than_the_same_elsewhere(verifier):
+    context = frame(verifier, WHITE, WHITE, WHITE)
+    appearances = []
+    for other in (1, 2):  # touches the first, or is as far off again
+        estimator = Scores(verifier, [0.95, 0.3, 0.3, 0.0])
+        tried = attempts(estimator, context, 2)
+        tried.add(refined(POSES[0], POSES[other]))
+        assert found_places(tried) == [0, other]
+        appearances.append(estimator.appearances[POSES[other].tobytes()])
+    assert appearances[0] > appearances[1] + 1.0
+
+
 def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(verifier):
     context = frame(verifier, WHITE, WHITE, WHITE)
     tried = attempts(Scores(verifier, [0.4, 0.9, 0.0, 0.0]), context, 1 + 1)

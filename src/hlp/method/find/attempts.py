@@ -13,6 +13,7 @@ from hlp.method.find.estimator import FrameContext
 from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
 from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
+from hlp.refinement.arrangement import arrangement_evidence, stand_side_by_side
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.refinement.verification import Observation
@@ -255,6 +256,9 @@ class Attempts:
         appearances = [self._appearances[answer.row] for answer in self._answers]
         logits = _logits(np.array([answer.score for answer in self._answers]))
         evidence = appearance_evidence(appearances, logits, sure, self._colors)
+        poses = np.stack([answer.pose for answer in self._answers])
+        beside = stand_side_by_side(self._verifier.model, poses)
+        evidence = evidence + arrangement_evidence(beside, logits + evidence, sure)
         pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
         return [a._replace(score=self._score(a.pose, float(value) + a.more)) for a, value in pairs]
 

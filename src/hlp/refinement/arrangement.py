@@ -1,0 +1,57 @@
+"""What the places of answers tell of each other: parts are often packed in rows, or stacked.
+
+A wrong answer hardly ever touches a right one, face to face and turned as it is; a right one does
+where parts are packed. Where most of the parts of a frame stand like that, one that does not is
+less likely right.
+"""
+
+import numpy as np
+from jaxtyping import Bool
+
+from hlp.arrays import Flags, Poses, Values
+from hlp.geometry import transform
+from hlp.records import ObjectModel
+
+_SAME_TURN = np.radians(15.0)
+_MISFIT = 0.2  # of the part's size along each of its axes (D)
+_BY_CHANCE = 0.05  # probability that a wrong answer stands beside a right one (D)
+_MOST = 0.95  # of the share of right answers that do
+_ROUNDS = 2  # in which answers tell each other which are right
+
+
+def stand_side_by_side(model: ObjectModel, poses_cam_obj: Poses) -> Bool[np.ndarray, "n n"]:
+    """Which poses are turned alike, and one size of the part apart along one of its axes.
+
+    The size is that of its bounding box. Symmetries are no turns.
+    """
+    rotations, count = poses_cam_obj[:, :3, :3], len(poses_cam_obj)
+    equal = (rotations[:, None] @ model.symmetries[:, :3, :3]).reshape(-1, 9)
+    traces = (equal @ rotations.reshape(-1, 9).T).reshape(count, -1, count).max(axis=1)
+    alike = traces >= 1.0 + 2.0 * np.cos(_SAME_TURN)
+    centers = np.stack([transform(pose, model.centroid[None])[0] for pose in poses_cam_obj])
+    apart = np.einsum("nkm,nlk->nlm", rotations, centers[None] - centers[:, None])
+    size = np.ptp(np.asarray(model.proxy.vertices, dtype=np.float64), axis=0)
+    apart = np.abs(apart) / np.maximum(size, 1e-6)
+    one = apart > 0.5
+    beside = (np.abs(apart - one) < _MISFIT).all(axis=-1) & (one.sum(axis=-1) == 1)
+    return np.asarray(alike & beside)
+
+
+def arrangement_evidence(beside: Bool[np.ndarray, "n n"], logits: Values, sure: Flags) -> Values:
+    """Log-likelihood ratio of right against wrong that each answer's neighbours tell.
+
+    `beside` says which answers stand side by side, `logits` are those of their scores. How many of
+    the right ones have a neighbour follows from the `sure` ones; none speaks for itself.
+    """
+    evidence = np.zeros(len(logits))
+    for _ in range(_ROUNDS):
+        right = 1.0 / (1.0 + np.exp(-logits - evidence))
+        neighbour = np.where(beside, right, 0.0).max(axis=1)
+        weights = np.where(sure, right, 0.0)
+        found = (weights * neighbour).sum() - weights * neighbour
+        share = (found + _BY_CHANCE) / (weights.sum() - weights + 1.0)
+        share = np.clip(share, _BY_CHANCE, _MOST)
+        if_right = neighbour * share + (1.0 - neighbour) * (1.0 - share)
+        if_wrong = neighbour * _BY_CHANCE + (1.0 - neighbour) * (1.0 - _BY_CHANCE)
+        evidence = np.log(if_right / if_wrong)
+    return evidence
