@@ -11,6 +11,7 @@ from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.summary import (
     area_under_risk_coverage,
+    calibration_error_by_chance,
     count_false_alarms,
     expected_calibration_error,
     risk_coverage,
@@ -141,6 +142,15 @@ def test_calibration_error_is_that_of_its_definition(bins):
     assert reliability(scores, right, bins)[:, 0].sum() == 500
 
 
+def test_calibration_error_by_chance_is_that_of_many_draws():
+    scores = np.random.default_rng(5).beta(2.0, 0.7, 37)
+    rng = np.random.default_rng(6)
+    draws = [expected_calibration_error(scores, rng.random(37) < scores) for _ in range(20_000)]
+    assert calibration_error_by_chance(scores) == pytest.approx(np.mean(draws), abs=1e-3)
+    assert calibration_error_by_chance(np.array([0.3])) == pytest.approx(2 * 0.3 * 0.7)
+    assert calibration_error_by_chance(np.array([0.0, 1.0])) == 0.0
+
+
 def test_risk_at_each_coverage_is_that_of_the_answers_above_the_threshold():
     scores, right = answers(300, 2)
     coverage, risk = risk_coverage(scores, right)
@@ -175,6 +185,7 @@ def test_summary_counts_the_answers_and_not_what_was_not_found():
     found = summarise_calibration(targets)
     assert found["answers"] == 2
     assert found["ece"] == pytest.approx((0.1 + 0.7) / 2)
+    assert found["ece_by_chance"] == pytest.approx((2 * 0.9 * 0.1 + 2 * 0.7 * 0.3) / 2)
     assert found["aurc"] == pytest.approx(0.25)
     assert found["risk_coverage"] == [[0.5, 0.0], [1.0, 0.5]]
     assert summarise_calibration(targets[2:])["ece"] is None

@@ -10,7 +10,7 @@ from hlp.reporting.sweeps import read_sweeps
 from table_text import csv_rows, unpadded
 from written_results import in_vain, scored, write_run, write_sweep, write_verdicts
 
-COUNTED = "sure,sure_wrong,searched_in_vain,false_alarms,ms"
+COUNTED = "ece,ece_by_chance,sure,sure_wrong,searched_in_vain,false_alarms,ms"
 BOP = {"ar": 0.7, "vsd": 0.6, "mssd": 0.7, "mspd": 0.8}
 
 
@@ -24,6 +24,8 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
             "bop": BOP if not number else dict.fromkeys(BOP),
             "calibration": {
                 **scored(0.9, 40.0, {})["calibration"],
+                "ece": 0.02,
+                "ece_by_chance": 0.01,
                 "reliability": [[4, 0.3, 0.25], [8, 0.62, 0.75], [4, 0.98, 1.0]],
             },
             "false_alarms": {**in_vain(17, 1), "scores": [0.6, 0.1]},
@@ -34,17 +36,18 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     rows = csv_rows(table)
     assert [*rows[0]] == [
         "data", "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", "VSD", "MSSD", "MSPD",
-        "AP", "ECE", "wrong", "false alarms", "ms",
+        "AP", "ECE", "by chance", "wrong", "false alarms", "ms",
     ]  # fmt: skip
     assert (rows[0]["wrong"], rows[0]["false alarms"]) == ("2/12", "1/17")
+    assert (rows[0]["ECE"], rows[0]["by chance"]) == ("0.020", "0.010")
     assert [(row["data"], row["ADD(-S)"], row["AR"], row["VSD"]) for row in rows] == [
         ("board", "0.900", "0.700", "0.600"),
         ("demo", "0.700", "", ""),
     ]
     assert figures.read_text().splitlines() == [
-        f"data,targets,add_seed_0,add,add_low,add_high,5cm5deg,ar,ece,{COUNTED}",
-        "board,20,0.900,0.900,0.800,0.940,0.700,0.700,,12,2,17,1,40",
-        "demo,20,0.700,0.700,0.600,0.740,0.500,,,12,2,17,1,40",
+        f"data,targets,add_seed_0,add,add_low,add_high,5cm5deg,ar,{COUNTED}",
+        "board,20,0.900,0.900,0.800,0.940,0.700,0.700,0.020,0.010,12,2,17,1,40",
+        "demo,20,0.700,0.700,0.600,0.740,0.500,,0.020,0.010,12,2,17,1,40",
     ]
     text = markdown.read_text()
     assert "Made by `hlp -m experiment=recordings data_folder=data`." in text
@@ -73,10 +76,10 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
     ]
     assert [row["AR"] for row in rows[4:]] == ["0.700", "0.700", "0.700", "0.0000"]
     assert figures.read_text().splitlines() == [
-        f"data,targets,add_seed_0,add_seed_1,add,add_low,add_high,5cm5deg,ar,ece,{COUNTED}",
-        "board,20,0.900,0.800,0.850,0.800,0.940,0.650,0.700,,0,0,0,0,45",
-        "board below 0.6 visible,1,0.000,1.000,0.500,,,0.500,,,,,,,",
-        "demo,20,0.700,0.700,0.700,0.600,0.740,0.500,0.700,,0,0,0,0,45",
+        f"data,targets,add_seed_0,add_seed_1,add,add_low,add_high,5cm5deg,ar,{COUNTED}",
+        "board,20,0.900,0.800,0.850,0.800,0.940,0.650,0.700,,,0,0,0,0,45",
+        "board below 0.6 visible,1,0.000,1.000,0.500,,,0.500,,,,,,,,",
+        "demo,20,0.700,0.700,0.700,0.600,0.740,0.500,0.700,,,0,0,0,0,45",
     ]
     assert "spread: standard deviation between seeds." in (folder / "recordings.md").read_text()
 

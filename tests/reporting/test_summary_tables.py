@@ -29,6 +29,17 @@ def test_bops_average_recall_is_told_where_it_was_computed() -> None:
     assert "BOP" not in format_summary(summary())
 
 
+def test_calibration_error_stands_beside_that_of_exact_scores() -> None:
+    """A summary of an earlier version does not have it."""
+    measured = {**summary()["calibration"], "answers": 30, "ece": 0.088, "aurc": 0.01}
+    before = "Scores of 30 answers: expected calibration error 0.088"
+    said = " ".join(format_summary({**summary(), "calibration": measured}).split())
+    assert f"{before}, area under" in said
+    measured["ece_by_chance"] = 0.076
+    said = " ".join(format_summary({**summary(), "calibration": measured}).split())
+    assert f"{before} (0.076 if each was exactly right), area under" in said
+
+
 def test_paper_is_left_out_where_it_says_nothing() -> None:
     assert "paper ADD(-S)" not in objects_table(summary(("bracket", "cone"))).header
     assert "paper ADD(-S)" not in objects_table(summary(("duck", "cone"))).header  # another duck

@@ -20,7 +20,7 @@ def whole_summary(names: Sequence[str] = tuple(ADD_BY_OBJECT)) -> dict[str, Any]
     """A summary with all that a run may have to say."""
     written = scored(0.75, 1234.5, dict.fromkeys(names, 0.75))
     causes, votes = dict.fromkeys(("correct", *CAUSES), 20), quality(0.25, 1200.0)
-    many = {"answers": 12345, "ece": 0.0123, "aurc": 0.0123}
+    many = {"answers": 12345, "ece": 0.0123, "ece_by_chance": 0.0123, "aurc": 0.0123}
     alarms = {"alarms": 123, "searched": 12345, "rate": 0.0123}
     return {
         **written,

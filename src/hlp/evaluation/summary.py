@@ -142,6 +142,22 @@ def expected_calibration_error(scores: Values, right: Flags, bins: int = 10) -> 
     return float((count * np.abs(score - share)).sum() / count.sum())
 
 
+def calibration_error_by_chance(scores: Values, bins: int = 10) -> float:
+    """Mean `expected_calibration_error` if each answer was right as often as its score says.
+
+    The fewer answers, the larger it is: an error that is no larger speaks against no score. Exact,
+    by the distribution of the number of right answers in each bin (Poisson binomial).
+    """
+    total = 0.0
+    places = np.minimum((scores * bins).astype(int), bins - 1)
+    for place in np.unique(places):
+        inside, chances = scores[places == place], np.ones(1)
+        for score in inside:
+            chances = np.convolve(chances, [1.0 - score, score])
+        total += float(chances @ np.abs(np.arange(len(chances)) - inside.sum()))
+    return total / len(scores)
+
+
 def risk_coverage(scores: Values, right: Flags) -> tuple[Values, Values]:
     """Coverage and risk at every threshold, the highest score first; equal scores come together."""
     order = np.argsort(-scores, kind="stable")
@@ -173,7 +189,8 @@ def summarise_calibration(targets: Sequence[TargetScore]) -> dict[str, Any]:
     """
     found = [target for target in targets if target.found and np.isfinite(target.score)]
     if not found:
-        return {"answers": 0, "ece": None, "aurc": None, "reliability": [], "risk_coverage": []}
+        none = dict.fromkeys(("ece", "ece_by_chance", "aurc"))
+        return {"answers": 0, **none, "reliability": [], "risk_coverage": []}
     scores = np.array([target.score for target in found], dtype=np.float64)
     right = np.array([target.add_s_correct for target in found], dtype=bool)
     curve = np.column_stack(risk_coverage(scores, right))
@@ -181,6 +198,7 @@ def summarise_calibration(targets: Sequence[TargetScore]) -> dict[str, Any]:
     return {
         "answers": len(found),
         "ece": expected_calibration_error(scores, right),
+        "ece_by_chance": calibration_error_by_chance(scores),
         "aurc": area_under_risk_coverage(scores, right),
         "reliability": reliability(scores, right).tolist(),
         "risk_coverage": curve[shown].tolist(),

@@ -10,7 +10,7 @@ from hlp.arrays import Values
 from hlp.reporting.comparison import WELL_VISIBLE, recall_of
 from hlp.reporting.figures.bars import COLORS
 from hlp.reporting.results import Result
-from hlp.reporting.summary_tables import BOP_RECALLS, run_cells, run_numbers, sure_answers
+from hlp.reporting.summary_tables import BOP_RECALLS, CHANCE, run_cells, run_numbers, sure_answers
 from hlp.reporting.table import Table, format_share
 from hlp.results.recalls import reliability
 
@@ -21,7 +21,8 @@ _DATA, SEED = "data", "seed"
 NOTE = (
     "ADD(-S): ADD-S for objects with a symmetry, ADD for the others. AR: mean of BOP's average"
     " recalls VSD, MSSD and MSPD. AP: BOP's average precision, where every object is looked for in"
-    " every frame (data.search=all). ECE: expected calibration error of the score. Wrong: answers"
+    " every frame (data.search=all). ECE: expected calibration error of the score; by chance: what"
+    " it would be, in the mean, on as many answers if each score was exactly right. Wrong: answers"
     " with a score of at least 0.5 that are wrong, of all with such a score. False alarms: searches"
     " with such an answer where the object is not, of all such searches. ms: median for one object"
     " in one frame."
@@ -54,7 +55,7 @@ def recordings_table(repeats: Repeats, keys: Sequence[str]) -> Table:
     (standard deviation) follow.
     """
     bop = [*map(str.upper, BOP_RECALLS)]
-    scores = ["ECE", WRONG, ALARMS]
+    scores = ["ECE", CHANCE, WRONG, ALARMS]
     measured = ["frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", *bop, "AP", *scores, "ms"]
     rows = [row for same in repeats.values() for row in _repeat_rows(same, keys)]
     header = [*keys, *measured]
@@ -131,14 +132,14 @@ def recording_figures(repeats: Repeats) -> Table:
             )
             rows.append([name, str(count), *_mean_cells(recalls, seeds, ["", ""]), *[""] * 5])
     by_seed = [f"add_seed_{seed}" for seed in seeds]
-    means = ["add", "add_low", "add_high", "5cm5deg", "ar", "ece"]
+    means = ["add", "add_low", "add_high", "5cm5deg", "ar", "ece", "ece_by_chance"]
     counted = ["sure", "sure_wrong", "searched_in_vain", "false_alarms", "ms"]
     return Table(["data", "targets", *by_seed, *means, *counted], rows)
 
 
 def _mean_cells(numbers: pd.DataFrame, seeds: Sequence[str], ends: Sequence[str]) -> list[str]:
     by_seed = numbers["ADD(-S)"].reindex(seeds)
-    means = numbers.mean(skipna=False).reindex(["ADD(-S)", "5cm5deg", "AR", "ECE"])
+    means = numbers.mean(skipna=False).reindex(["ADD(-S)", "5cm5deg", "AR", "ECE", CHANCE])
     add, *others = map(format_share, means)
     return [*map(format_share, by_seed), add, *ends, *others]
 

@@ -20,6 +20,8 @@ ADD_CELLS = {"add": "ADD(-S)", "add_low": "low", "add_high": "high"}
 """Columns of figures.csv, and the numbers of `run_numbers` that stand there."""
 BOP_RECALLS = ("vsd", "mssd", "mspd")
 """BOP's recalls in `summary.json`, of which `ar` is the mean."""
+CHANCE = "by chance"
+"""Column of the calibration error that scores would have if each was exactly right."""
 RECALL = "Recall: the share of targets (objects to be found in a frame) with a correct pose."
 
 
@@ -107,6 +109,7 @@ def run_numbers(summary: Mapping[str, Any]) -> dict[str, float | None]:
         **{key.upper(): summary["bop"][key] for key in ("ar", *BOP_RECALLS)},
         "AP": summary.get("detection", {}).get("ap"),
         "ECE": summary["calibration"]["ece"],
+        CHANCE: summary["calibration"].get("ece_by_chance"),
         "ms refinement": times["refinement"]["median"],
         "ms": times["total"]["median"],
         "ms 95 %": times["total"]["p95"],
@@ -140,9 +143,11 @@ def calibration_words(summary: Mapping[str, Any]) -> str:
     found = summary["calibration"]
     if found["ece"] is None or found["aurc"] is None:
         return ""
+    chance = found.get("ece_by_chance")
+    exact = "" if chance is None else f" ({chance:.3f} if each was exactly right)"
     return (
-        f"Scores of {found['answers']} answers: expected calibration error {found['ece']:.3f}, "
-        f"area under the risk-coverage curve {found['aurc']:.4f} (right: ADD-S)."
+        f"Scores of {found['answers']} answers: expected calibration error {found['ece']:.3f}"
+        f"{exact}, area under the risk-coverage curve {found['aurc']:.4f} (right: ADD-S)."
     )
 
 
