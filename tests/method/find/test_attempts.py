@@ -123,6 +123,24 @@ def test_one_beside_a_sure_one_is_likelier_than_the_same_elsewhere(verifier):
     assert appearances[0] > appearances[1] + 1.0
 
 
+@pytest.mark.parametrize("color", [WHITE, RED])
+def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color):
+    """Neighbours tell as much as before."""
+    told = {}
+    for other in (1, 2):
+        context = frame(verifier, WHITE, color, color)
+        estimator = Scores(verifier, [0.95, 0.4, 0.4, 0.0])
+        tried = attempts(estimator, context, 2)
+        tried.add(refined(POSES[0], POSES[other]))
+        tried.poses(0.0)
+        before = estimator.appearances[POSES[other].tobytes()]
+        tried.merged()
+        told[other] = before, estimator.appearances[POSES[other].tobytes()]
+    (beside, beside_later), (alone, alone_later) = told[1], told[2]
+    assert alone_later == pytest.approx(0.3 * alone)
+    assert beside_later - alone_later == pytest.approx(beside - alone, abs=0.3)
+
+
 def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(verifier):
     context = frame(verifier, WHITE, WHITE, WHITE)
     tried = attempts(Scores(verifier, [0.4, 0.9, 0.0, 0.0]), context, 1 + 1)

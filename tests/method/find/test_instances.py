@@ -148,7 +148,7 @@ class Templates(Looks):
 def test_templates_are_asked_for_where_votes_are_not_sure(
     looks, most, scores, matched, monkeypatch
 ):
-    monkeypatch.setattr(attempts.Attempts, "_judged", lambda self: self._answers)
+    monkeypatch.setattr(attempts.Attempts, "_judge", lambda self: self._answers)
     for search_of_packed in ("search_neighbours", "_divide"):
         monkeypatch.setattr(attempts.Attempts, search_of_packed, lambda _: None)
     estimator = Templates(*looks)

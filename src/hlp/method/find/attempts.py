@@ -29,6 +29,8 @@ _TRIED = 3
 """Instances that are refined at once where their number is not known (D)."""
 _LIKELY = 0.3
 """Score of a pose beside which others of its kind are looked for (D)."""
+_LOOK = 0.3
+"""Weight of what the look tells of an answer that was chosen, among many, by its look (D)."""
 
 
 class Unexplained:
@@ -59,7 +61,8 @@ class Unexplained:
 class _Answer(NamedTuple):
     """A refined pose, its row among all of them, and whether a search chose it as an instance.
 
-    `more` is added to the logit of its score, for what it stands in the place of.
+    `more` is added to the logit of its score, for what it stands in the place of. `settled` is what
+    is added to it in the end, for that, its look and its neighbours.
     """
 
     score: float
@@ -67,6 +70,7 @@ class _Answer(NamedTuple):
     pose: Pose
     chosen: bool
     more: float = 0.0
+    settled: float = 0.0
 
 
 class Attempts:
@@ -96,6 +100,7 @@ class Attempts:
         self._looked_within: set[bytes] = set()
         self._appearances: dict[int, PartAppearance] = {}
         self._kept: list[_Answer] | None = None  # of the answers, until there are others
+        self._judged: list[_Answer] = []
 
     @cached_property
     def _colors(self) -> FrameColors:
@@ -219,17 +224,23 @@ class Attempts:
         return [answer.pose for answer in self._different() if answer.score >= least]
 
     def merged(self) -> RefinedHypotheses | None:
-        """All attempts as one: of all answers the best, each of another instance."""
+        """All attempts as one: of all answers the best, each of another instance.
+
+        Their scores are settled by then.
+        """
         if not self._found:
             return None
         if len(self._found) == 1 and not self._colorless:
             return self._found[0]
+        rows = tuple(answer.row for answer in self._different())
+        for answer in self._judged:
+            self._score(answer.pose, answer.settled)
         return RefinedHypotheses(
             [pose for found in self._found for pose in found.refined],
             np.concatenate([found.costs for found in self._found]),
             np.concatenate([found.sources for found in self._found]),
             np.concatenate([found.seeds for found in self._found]),
-            tuple(answer.row for answer in self._different()),
+            rows,
         )
 
     def _different(self) -> list[_Answer]:
@@ -238,12 +249,12 @@ class Attempts:
         What a search chose, and is likely, goes before what is only less unlikely.
         """
         if self._kept is None:
-            judged = self._judged() if self._colorless else self._answers
+            judged = self._judge() if self._colorless else self._answers
             judged = sorted(judged, key=lambda a: (not (a.chosen and a.score >= _LIKELY), -a.score))
-            self._kept = self._apart(judged)
+            self._kept, self._judged = self._apart(judged), judged
         return self._kept
 
-    def _judged(self) -> list[_Answer]:
+    def _judge(self) -> list[_Answer]:
         """All answers, with scores that know what the surest ones look like."""
         if not self._answers:
             return []
@@ -255,12 +266,16 @@ class Attempts:
         self._appearances |= {answer.row: self._colors.at(*seen, answer.pose) for answer in new}
         appearances = [self._appearances[answer.row] for answer in self._answers]
         logits = _logits(np.array([answer.score for answer in self._answers]))
-        evidence = appearance_evidence(appearances, logits, sure, self._colors)
+        look = appearance_evidence(appearances, logits, sure, self._colors)
         poses = np.stack([answer.pose for answer in self._answers])
         beside = stand_side_by_side(self._verifier.model, poses)
-        evidence = evidence + arrangement_evidence(beside, logits + evidence, sure)
-        pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
-        return [a._replace(score=self._score(a.pose, float(value) + a.more)) for a, value in pairs]
+        more = arrangement_evidence(beside, logits + look, sure)
+        more += np.array([answer.more for answer in self._answers])
+        told, settled = (weight * (BEST_OF_MANY + look) + more for weight in (1.0, _LOOK))
+        return [
+            answer._replace(score=self._score(answer.pose, float(now)), settled=float(later))
+            for answer, now, later in zip(self._answers, told, settled, strict=True)
+        ]
 
     def _score(self, pose: Pose, appearance: float = BEST_OF_MANY) -> float:
         if self._colorless:
