@@ -125,7 +125,7 @@ def test_one_beside_a_sure_one_is_likelier_than_the_same_elsewhere(verifier):
 
 @pytest.mark.parametrize("color", [WHITE, RED])
 def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color):
-    """Neighbours tell as much as before."""
+    """Neighbours tell as much as before; where the number is not known, the look does, too."""
     told = {}
     for other in (1, 2):
         context = frame(verifier, WHITE, color, color)
@@ -139,6 +139,12 @@ def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color
     (beside, beside_later), (alone, alone_later) = told[1], told[2]
     assert alone_later == pytest.approx(0.3 * alone)
     assert beside_later - alone_later == pytest.approx(beside - alone, abs=0.3)
+    tried = attempts(estimator, context, 2, min_score=0.3)
+    tried.add(refined(POSES[0], POSES[2]))
+    tried.poses(0.0)
+    before = dict(estimator.appearances)
+    tried.merged()
+    assert estimator.appearances == before
 
 
 def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(verifier):

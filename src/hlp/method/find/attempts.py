@@ -30,7 +30,7 @@ _TRIED = 3
 _LIKELY = 0.3
 """Score of a pose beside which others of its kind are looked for (D)."""
 _LOOK = 0.3
-"""Weight of what the look tells of an answer that was chosen, among many, by its look (D)."""
+"""Weight of what the look tells, in the end, of answers of a known number: it chose them (D)."""
 
 
 class Unexplained:
@@ -224,10 +224,7 @@ class Attempts:
         return [answer.pose for answer in self._different() if answer.score >= least]
 
     def merged(self) -> RefinedHypotheses | None:
-        """All attempts as one: of all answers the best, each of another instance.
-
-        Their scores are settled by then.
-        """
+        """All attempts as one, scores settled: the best of all answers, each of another instance."""
         if not self._found:
             return None
         if len(self._found) == 1 and not self._colorless:
@@ -271,7 +268,8 @@ class Attempts:
         beside = stand_side_by_side(self._verifier.model, poses)
         more = arrangement_evidence(beside, logits + look, sure)
         more += np.array([answer.more for answer in self._answers])
-        told, settled = (weight * (BEST_OF_MANY + look) + more for weight in (1.0, _LOOK))
+        weights = 1.0, _LOOK if self._min_score is None else 1.0
+        told, settled = (weight * (BEST_OF_MANY + look) + more for weight in weights)
         return [
             answer._replace(score=self._score(answer.pose, float(now)), settled=float(later))
             for answer, now, later in zip(self._answers, told, settled, strict=True)
