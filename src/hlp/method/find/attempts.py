@@ -224,7 +224,7 @@ class Attempts:
         return [answer.pose for answer in self._different() if answer.score >= least]
 
     def merged(self) -> RefinedHypotheses | None:
-        """All attempts as one, scores settled: the best of all answers, each of another instance."""
+        """All attempts as one, scores settled: the best answers, each of another instance."""
         if not self._found:
             return None
         if len(self._found) == 1 and not self._colorless:
@@ -264,12 +264,12 @@ class Attempts:
         appearances = [self._appearances[answer.row] for answer in self._answers]
         logits = _logits(np.array([answer.score for answer in self._answers]))
         look = appearance_evidence(appearances, logits, sure, self._colors)
-        poses = np.stack([answer.pose for answer in self._answers])
-        beside = stand_side_by_side(self._verifier.model, poses)
-        more = arrangement_evidence(beside, logits + look, sure)
-        more += np.array([answer.more for answer in self._answers])
-        weights = 1.0, _LOOK if self._min_score is None else 1.0
-        told, settled = (weight * (BEST_OF_MANY + look) + more for weight in weights)
+        more, in_the_end = np.array([answer.more for answer in self._answers]), 1.0
+        if self._min_score is None:  # otherwise two wrong ones, side by side, vouch for each other
+            poses = np.stack([answer.pose for answer in self._answers])
+            beside = stand_side_by_side(self._verifier.model, poses)
+            more, in_the_end = more + arrangement_evidence(beside, logits + look, sure), _LOOK
+        told, settled = (weight * (BEST_OF_MANY + look) + more for weight in (1.0, in_the_end))
         return [
             answer._replace(score=self._score(answer.pose, float(now)), settled=float(later))
             for answer, now, later in zip(self._answers, told, settled, strict=True)
