@@ -252,7 +252,7 @@ class Attempts:
         return self._kept
 
     def _judge(self) -> list[_Answer]:
-        """All answers, with scores that know what the surest ones look like."""
+        """All answers, with scores that know where the surest ones stand, and what they look like."""
         if not self._answers:
             return []
         best_first = sorted(self._answers, key=lambda answer: -answer.score)
