@@ -252,7 +252,7 @@ class Attempts:
         return self._kept
 
     def _judge(self) -> list[_Answer]:
-        """All answers, with scores that know where the surest ones stand, and what they look like."""
+        """All answers, with scores that know where the surest ones stand and how they look."""
         if not self._answers:
             return []
         best_first = sorted(self._answers, key=lambda answer: -answer.score)
