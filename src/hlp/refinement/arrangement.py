@@ -28,10 +28,9 @@ def stand_side_by_side(model: ObjectModel, poses_cam_obj: Poses) -> Bool[np.ndar
     equal = (rotations[:, None] @ model.symmetries[:, :3, :3]).reshape(-1, 9)
     traces = (equal @ rotations.reshape(-1, 9).T).reshape(count, -1, count).max(axis=1)
     alike = traces >= 1.0 + 2.0 * np.cos(_SAME_TURN)
-    centers = np.stack([transform(pose, model.centroid[None])[0] for pose in poses_cam_obj])
+    centers = transform(poses_cam_obj, model.centroid[None])[:, 0]
     apart = np.einsum("nkm,nlk->nlm", rotations, centers[None] - centers[:, None])
-    size = np.ptp(np.asarray(model.proxy.vertices, dtype=np.float64), axis=0)
-    apart = np.abs(apart) / np.maximum(size, 1e-6)
+    apart = np.abs(apart) / np.maximum(np.ptp(model.proxy.vertices, axis=0), 1e-6)
     one = apart > 0.5
     beside = (np.abs(apart - one) < _MISFIT).all(axis=-1) & (one.sum(axis=-1) == 1)
     return np.asarray(alike & beside)
