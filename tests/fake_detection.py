@@ -129,7 +129,7 @@ class FakeEstimator:
     def score(self, *_: Any) -> float:
         return 1.0
 
-    def measure_among(self, instances: Any) -> None:
+    def settle(self, instances: Any) -> None:
         """Nothing hides anything."""
 
     def other_regions(self, *_: Any) -> Iterator[Region]:

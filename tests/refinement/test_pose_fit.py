@@ -33,10 +33,14 @@ def test_depth_correlation_is_that_of_what_planes_leave():
         for item in (first, second)
     ]
     expected = np.corrcoef(*left)[0, 1]
-    assert depth_correlation(first, second, among) == pytest.approx(expected, abs=1e-9)
+    found, deviation = depth_correlation(first, second, among)
+    assert found == pytest.approx(expected, abs=1e-9)
+    assert deviation == pytest.approx(left[0].std(), abs=1e-9)
 
 
-@pytest.mark.parametrize("compare", [depth_correlation, slope_correlation])
+@pytest.mark.parametrize(
+    "compare", [lambda *given: depth_correlation(*given)[0], slope_correlation]
+)
 def test_place_and_tilt_do_not_matter_but_shape_does(compare):
     y, x = np.mgrid[0.0:80.0, 0.0:100.0]
     first, everywhere = bumps(1), np.ones((80, 100), dtype=bool)

@@ -14,7 +14,7 @@ from hlp.patches.composite import (
 from hlp.patches.holistic_pool import BACKGROUND, HolisticPool
 from hlp.patches.pool_loader import Batch, PoolDataModule
 
-_CUT_OFF = 0.1  # share of the windows that reach beyond the image vertically, or horizontally (D)
+_CUT_OFF = 0.05  # share of the windows beyond the image's border vertically, or horizontally (D)
 
 
 class HolisticDataModule(PoolDataModule):

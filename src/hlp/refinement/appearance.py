@@ -20,6 +20,7 @@ from hlp.geometry import project, transform
 from hlp.image_edges import LOGARITHMS, NO_EDGE, color_edges
 from hlp.kernels import compiled_ahead
 from hlp.records import ObjectModel
+from hlp.refinement.score_model import probabilities
 from hlp.refinement.verification import Observation, Verifier
 from hlp.rendering.surface import sample_surface
 
@@ -214,7 +215,7 @@ def print_evidence(
     It is compared with that of answers at other places, sample by sample, as `color_evidence` does
     with colours anywhere. 0 where too little of the same places is seen.
     """
-    shown = np.flatnonzero(_probabilities(logits) >= _LEAST)
+    shown = np.flatnonzero(probabilities(logits) >= _LEAST)
     prints, unlike = np.stack([a.print for a in seen]), np.stack([a.unlike for a in seen])
     constants = _LIMIT**2, _COMMON, _NOISE, _ALIKE
     ratios = _difference_ratios(prints, unlike, shown, equal, *constants)
@@ -230,13 +231,9 @@ def print_evidence(
 
 def _weights_of_others(logits: Values, same: Bool[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     """Weight (first axis) of each for those elsewhere: its probability, at most 1 at a place."""
-    right = _probabilities(logits)
+    right = probabilities(logits)
     weights = right * (same * right).max(axis=1) / np.maximum(same @ right, 1e-9)
     return np.where(same, 0.0, weights[:, None])
-
-
-def _probabilities(logits: Values) -> Values:
-    return np.asarray(1.0 / (1.0 + np.exp(-logits)))
 
 
 @compiled_ahead()
@@ -290,7 +287,7 @@ def plain_evidence(clutter: Values, logits: Values, sure: Flags) -> tuple[Values
     seen = np.where(np.isfinite(clutter), clutter, 0.25)
     plain = np.exp(np.clip(2.5 - 10.0 * seen, -4.0, 1.5))
     printed = np.exp(-8.0 * np.maximum(seen - 0.6, 0.0))
-    right = _probabilities(logits[sure] - _UNSURE)
+    right = probabilities(logits[sure] - _UNSURE)
     likelihoods = [np.prod(right * ratio[sure] + 1.0 - right) for ratio in (plain, printed)]
     weights = np.array([_PLAIN, 1.0 - _PLAIN]) * likelihoods
     weights /= weights.sum()

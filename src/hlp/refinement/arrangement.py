@@ -11,6 +11,7 @@ from jaxtyping import Bool
 from hlp.arrays import Flags, Poses, Values
 from hlp.geometry import transform
 from hlp.records import ObjectModel
+from hlp.refinement.score_model import probabilities
 
 _SAME_TURN = np.radians(15.0)
 _MISFIT = 0.2  # of the part's size along each of its axes (D)
@@ -44,7 +45,7 @@ def arrangement_evidence(beside: Bool[np.ndarray, "n n"], logits: Values, sure: 
     """
     evidence = np.zeros(len(logits))
     for _ in range(_ROUNDS):
-        right = 1.0 / (1.0 + np.exp(-logits - evidence))
+        right = probabilities(logits + evidence)
         neighbour = np.where(beside, right, 0.0).max(axis=1)
         weights = np.where(sure, right, 0.0)
         found = (weights * neighbour).sum() - weights * neighbour

@@ -83,39 +83,36 @@ def measure_fit(
     of = observation, verifier.model, pose_cam_obj
     colors = color_agreement(*of) if with_colors else ColorAgreement()
     inside_fraction = _inside_fraction(verifier, observation, pose_cam_obj)
-    deviation, projected_share = np.inf, 1.0
-    if not verifier.model.mesh.colored:
-        deviation = plane_deviation(rendered, visible) * MILLIMETRES_PER_METRE
+    correlation, deviation = depth_correlation(rendered, seen, visible)
+    projected_share = 1.0
+    if not (colored := verifier.model.mesh.colored):
         pixels = np.count_nonzero(rendered) / max(inside_fraction, _LEAST_INSIDE)
         projected_share = _projected_share(verifier, observation, pose_cam_obj, pixels)
     return PoseFit(
         cost=float(verifier.weigh(evidence)[0]),
-        depth_correlation=depth_correlation(rendered, seen, visible),
+        depth_correlation=correlation,
         slope=slope_correlation(rendered, seen, visible),
         residual_mm=apart * MILLIMETRES_PER_METRE,
         visible_fraction=inside_fraction * (1.0 - float(evidence.occluded[0])),
         color=colors.correlation,
         contrast=colors.contrast,
         edge=float(evidence.edge[0]),
-        plane_deviation_mm=deviation,
+        plane_deviation_mm=np.inf if colored else deviation * MILLIMETRES_PER_METRE,
         inside_fraction=inside_fraction,
         projected_share=projected_share,
     )
 
 
-def depth_correlation(first: Image, second: Image, among: Mask) -> float:
+def depth_correlation(first: Image, second: Image, among: Mask) -> tuple[float, float]:
     """Correlation of two depth images among some pixels, without the plane that fits each best.
 
-    0 if there are too few pixels, or one of the images shows a plane.
+    0 if there are too few pixels, or one of the images shows a plane. The second value is the
+    standard deviation (m) of the first image from its plane; 0 for too few pixels.
     """
     left = _without_plane([first, second], among)
-    return _correlation([left[:, 0]], [left[:, 1]]) if len(left) else 0.0
-
-
-def plane_deviation(depth: Image, among: Mask) -> float:
-    """Standard deviation (m) of depths among some pixels from their plane; 0 for too few."""
-    left = _without_plane([depth], among)
-    return float(np.sqrt(np.square(left).mean())) if len(left) else 0.0
+    if len(left) == 0:
+        return 0.0, 0.0
+    return _correlation([left[:, 0]], [left[:, 1]]), float(np.sqrt(np.square(left[:, 0]).mean()))
 
 
 def _without_plane(images: list[Image], among: Mask) -> Float[np.ndarray, "n k"]:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import Flags
+from hlp.arrays import Flags, Values
 from hlp.errors import DataError, MissingFileError
 from hlp.files import write_json
 from hlp.refinement.pose_fit import PoseFit
@@ -73,7 +73,7 @@ class ScoreModel(Stored):
         logit = self.weights(more) @ np.array([1.0, *_inputs([fit])[0]])
         logit += fit.appearance - contradiction - _CUT_OFF * (1.0 - fit.inside_fraction) ** 2
         logit -= _NARROW * (1.0 - fit.projected_share) ** 3
-        return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
+        return float(probabilities(logit))
 
     def scores(self, fits: Sequence[PoseFit], known_present: bool = False) -> list[float]:
         """The scores of the answers to all instances of the object in an image.
@@ -85,7 +85,7 @@ class ScoreModel(Stored):
         """
         if not known_present:
             return [self.score(fit) for fit in fits]
-        more = _logit(PRESENT_SHARE) - _logit(RIGHT_SHARE)
+        more = float(np.subtract(*logits_of(np.array([PRESENT_SHARE, RIGHT_SHARE]))))
         found = np.array([self._probability(fit, more=more) for fit in fits])
         if not self.colorless or len(fits) < 2:
             return [float(score) for score in found]
@@ -125,6 +125,17 @@ SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
 COLORLESS_SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
 
 
+def probabilities(logits: Values) -> Values:
+    """The logistic function."""
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(logits, -50.0, 50.0))))
+
+
+def logits_of(scores: Values) -> Values:
+    """Its inverse, of scores in [0, 1]."""
+    scores = np.clip(scores, 1e-9, 1.0 - 1e-9)
+    return np.asarray(np.log(scores / (1.0 - scores)))
+
+
 def prior_of(colored: bool) -> ScoreModel:
     """The score of an object of which nothing else is known."""
     return PRIOR if colored else COLORLESS_PRIOR
@@ -153,7 +164,7 @@ def fit_score_model(
     def loss(away: Float[np.ndarray, "5"]) -> tuple[float, Float[np.ndarray, "5"]]:
         logits = inputs @ (middle + away * unit)
         value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
-        wrong = 1.0 / (1.0 + np.exp(-np.clip(logits, -50.0, 50.0))) - right
+        wrong = probabilities(logits) - right
         return float(value), inputs.T @ (counted * wrong) * unit + away
 
     # In standard deviations from the prior, where all weights are of one size.
@@ -175,10 +186,6 @@ def load_score_model(folder: Path) -> ScoreModel:
         return read_as(folder / _FILE, ScoreModel)
     except (DataError, MissingFileError) as error:
         raise type(error)(f"{error}: learn the object again") from error
-
-
-def _logit(share: float) -> float:
-    return float(np.log(share / (1.0 - share)))
 
 
 def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:

@@ -40,7 +40,7 @@ def test_what_a_neighbour_hides_does_not_speak_against_a_part(fits):
     own, *_ = fits
     own.set_appearance(1, PACKED[0], 0.7)
     before, score = own.measure(1, PACKED[0]), own.score(1, PACKED[0])
-    own.measure_among([(1, PACKED[0]), (1, PACKED[1])])
+    own.settle([(1, PACKED[0]), (1, PACKED[1])])
     after = own.measure(1, PACKED[0])
     assert before.plane_deviation_mm > 3.0 and after.plane_deviation_mm < 0.5  # a face is left
     assert after.cost < 0.8 * before.cost
@@ -48,18 +48,27 @@ def test_what_a_neighbour_hides_does_not_speak_against_a_part(fits):
     assert (after.appearance, after.visible_fraction) == (0.7, before.visible_fraction)
 
 
+def test_chosen_ones_have_their_settled_appearance_in_the_end(fits):
+    own, *_ = fits
+    for pose in PACKED:
+        own.set_appearance(1, pose, 0.7)
+        own.set_settled(1, pose, 0.2)
+    own.settle([(1, PACKED[0])])
+    assert [own.measure(1, pose).appearance for pose in PACKED] == [0.2, 0.7]
+
+
 def test_alone_in_front_or_with_colours_a_fit_stays(fits):
     own, verifier, seen = fits
     before, front = (own.measure(1, pose) for pose in PACKED)
-    own.measure_among([(1, PACKED[0])])
-    own.measure_among([])
+    own.settle([(1, PACKED[0])])
+    own.settle([])
     assert own.measure(1, PACKED[0]) is before
-    own.measure_among([(1, PACKED[0]), (1, PACKED[1])])
+    own.settle([(1, PACKED[0]), (1, PACKED[1])])
     assert own.measure(1, PACKED[1]) is front
     colored = replace(verifier.model, mesh=replace(verifier.model.mesh, colored=True))
     painted = SimpleNamespace(model=colored, depth_of=verifier.depth_of)
     kinds = {1: verifier, 2: painted}
     both = FrameFits(seen, kinds.__getitem__, lambda _: COLORLESS_PRIOR)
     both._known[2, PACKED[1].tobytes()] = before
-    both.measure_among([(1, PACKED[0]), (2, PACKED[1])])
+    both.settle([(1, PACKED[0]), (2, PACKED[1])])
     assert both.measure(2, PACKED[1]) is before

@@ -102,6 +102,6 @@ def test_what_is_left_of_all_objects_is_measured_together_before_each_fit(monkey
     fits = Mock(measure=lambda object_id, pose: (object_id, pose[0, 0]))
     context = SimpleNamespace(estimator=Estimator(1, 1), fits=fits)
     trace = search_frame(context, dict.fromkeys(poses, 2), by_threads=False)
-    (among,) = fits.measure_among.call_args.args
+    (among,) = fits.settle.call_args.args
     assert [(i, pose[0, 0]) for i, pose in among] == [(5, 1.0), (5, 2.0), (3, 3.0)]
     assert [found.fits for found in trace.values()] == [((5, 1.0), (5, 2.0)), ((3, 3.0),), ()]

@@ -58,6 +58,8 @@ class Looks:
     def set_appearance(self, *_):
         pass
 
+    set_settled = set_appearance
+
     def score(self, _, found):
         return float(found[0, 3])
 
@@ -150,7 +152,7 @@ def test_templates_are_asked_for_where_votes_are_not_sure(
 ):
     monkeypatch.setattr(attempts.Attempts, "_judge", lambda self: self._answers)
     for search_of_packed in ("search_neighbours", "_divide"):
-        monkeypatch.setattr(attempts.Attempts, search_of_packed, lambda _: None)
+        monkeypatch.setattr(attempts.Attempts, search_of_packed, lambda *_: None)
     estimator = Templates(*looks)
     found = search(estimator, most, min_score=0.5)[0]
     assert [score for score in found if score >= 0] == scores  # -1: what no search chose
@@ -229,6 +231,20 @@ def test_of_two_in_one_place_the_cheaper_stays_or_without_colours_the_more_proba
     found, resolved = Twins(row[0], scores).resolve({1: [off], 2: [row[0].pose]})
     winner = max(scores, key=scores.__getitem__) if scores else 2
     assert resolved[winner] is found[winner] and resolved[3 - winner] is None
+
+
+def test_other_instances_of_a_loser_keep_their_claims(row, off, elsewhere):
+    """The second object loses one place to the first, but takes another one from it."""
+    estimator = Twins(row[0], {1: 0.9, 2: 0.8})
+    less = disturbed(row[1], 3.0, 3.0, seed=3)
+    estimator.score = lambda i, pose: 0.7 if pose is less else estimator.scores[i]
+    found = {
+        i: SimpleNamespace(instances=(0, 1), chosen_poses=poses, costs=np.zeros(2))
+        for i, poses in {1: [off, less], 2: [row[0].pose, elsewhere]}.items()
+    }
+    searched = []
+    resolve_conflicts(estimator.context, found, lambda i, _: searched.append(i))
+    assert searched == [2, 1]
 
 
 def test_objects_beside_each_other_keep_their_poses(row, elsewhere):

@@ -16,12 +16,15 @@ HALF_TURNS = rigid(np.array([np.diag(d) for d in ([1, 1, 1], [1, -1, -1.0])]), n
 def test_neighbours_touch_and_those_in_the_air_are_left_out():
     verifier = box()
     seen = frame(verifier, WHITE, WHITE, WHITE, WHITE).observation
-    beside = poses_beside(verifier, seen, POSES[1:2]).poses_cam_obj
+    beside = poses_beside(verifier, seen, POSES[1:2], POSES[1:2]).poses_cam_obj
     for place in (0, 2, 3):
         assert np.abs(beside - POSES[place]).max(axis=(1, 2)).min() < 1e-6
     assert len(beside) < 6 and not (np.abs(beside - POSES[1]).max(axis=(1, 2)) < 0.01).any()
     alone = frame(verifier, (0, 0, 0)).observation
-    assert len(poses_beside(verifier, alone, POSES[:1])) < 3
+    assert len(poses_beside(verifier, alone, POSES[:1], POSES[:1])) < 3
+    others = poses_beside(verifier, seen, POSES[1:2], POSES[1:3]).poses_cam_obj
+    assert len(others) == len(beside) - 1
+    assert np.abs(others - POSES[2]).max(axis=(1, 2)).min() > 0.05
 
 
 def test_turned_poses_keep_the_plane_of_the_face_in_front():

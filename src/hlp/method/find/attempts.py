@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hlp.arrays import Pose, Poses, Values
+from hlp.arrays import Pose, Poses
 from hlp.geometry import transform
 from hlp.method.find.estimator import FrameContext
 from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
@@ -15,7 +15,7 @@ from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
 from hlp.refinement.arrangement import arrangement_evidence, stand_side_by_side
 from hlp.refinement.choice import RefinedHypotheses
-from hlp.refinement.score_model import MIN_SCORE
+from hlp.refinement.score_model import MIN_SCORE, logits_of
 from hlp.refinement.verification import Observation
 
 CoarsePoses = Callable[[int, Observation | None], Hypotheses]
@@ -27,8 +27,12 @@ Votes for parts without colours rank worse, so those keep as many as in the firs
 """
 _TRIED = 3
 """Instances that are refined at once where their number is not known (D)."""
+_POSSIBLE = 0.01
+"""Score of a pose that no search chose, but that may turn out to be right: others never do (D)."""
 _LIKELY = 0.3
 """Score of a pose beside which others of its kind are looked for (D)."""
+_VERY_LIKELY = 0.9
+"""Score of a pose beside which they are looked for in the place of less likely ones, too (D)."""
 _LOOK = 0.3
 """Weight of what the look tells, in the end, of answers of a known number: it chose them (D)."""
 
@@ -96,7 +100,7 @@ class Attempts:
         self._help_each_other = instances > 1 and self._colorless
         self._found: list[RefinedHypotheses] = []
         self._answers: list[_Answer] = []
-        self._searched_beside: set[bytes] = set()
+        self._searched_beside: set[tuple[float, bytes]] = set()
         self._looked_within: set[bytes] = set()
         self._appearances: dict[int, PartAppearance] = {}
         self._kept: list[_Answer] | None = None  # of the answers, until there are others
@@ -116,14 +120,12 @@ class Attempts:
         start = sum(len(before.refined) for before in self._found)
         self._found.append(found)
         self._kept = None
-        rows: Sequence[int] = found.instances
         scores = [self._score(pose) for pose in found.chosen_poses]
-        if self._help_each_other and (self._min_score is None or max(scores) >= self._right):
-            rows = range(len(found.refined))  # the chosen ones may turn out to be wrong
-        for row in rows:
-            pose = found.refined[row].pose_cam_obj
-            chosen = row in found.instances
-            self._answers.append(_Answer(self._score(pose), start + row, pose, chosen))
+        many = self._help_each_other and (self._min_score is None or max(scores) >= self._right)
+        for row in range(len(found.refined)) if many else found.instances:
+            pose, chosen = found.refined[row].pose_cam_obj, row in found.instances
+            if (score := self._score(pose)) >= _POSSIBLE or chosen:
+                self._answers.append(_Answer(score, start + row, pose, chosen))
 
     def search_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
         """Refine coarse poses of the missing instances, in what the `known` ones leave."""
@@ -139,20 +141,21 @@ class Attempts:
         found = self._estimator.refine(*self._of, coarse, missing, rest.left, enough, candidates)
         self.add(found and replace(found, sources=np.full_like(found.sources, -1)))
 
-    def search_neighbours(self) -> None:
+    def search_neighbours(self, least: float = _LIKELY) -> None:
         """Search the neighbours of what was found, and theirs, until there are no more.
 
-        Before, what was taken for one part and is several is divided.
+        They are those of answers that score `least`, wherever no such answer stands. Before, what
+        was taken for one part and is several is divided.
         """
         while self._help_each_other:
             self._divide()
-            if len(found := self.poses(_LIKELY)) >= self._instances:
+            found, searched = self.poses(least), self._searched_beside
+            new = [pose for pose in found if (least, pose.tobytes()) not in searched]
+            if len(found) >= self._instances or not new:
                 break
-            new = [pose for pose in found if pose.tobytes() not in self._searched_beside]
-            if not new:
-                break
-            self._searched_beside |= {pose.tobytes() for pose in new}
-            coarse = poses_beside(self._verifier, self._context.observation, np.stack(new))
+            self._searched_beside |= {(least, pose.tobytes()) for pose in new}
+            seen = self._verifier, self._context.observation
+            coarse = poses_beside(*seen, np.stack(new), np.stack(self.poses(0.0)))
             self.search_further(lambda *_, coarse=coarse: coarse, found)
 
     def _divide(self) -> None:
@@ -183,7 +186,7 @@ class Attempts:
             self._found.append(replace(part, sources=np.full_like(part.sources, -1)))
             (pose,) = part.chosen_poses
             scores = np.array([self._score(pose), before])
-            more = max(float(np.diff(_logits(scores))[0]), 0.0)
+            more = max(float(np.diff(logits_of(scores))[0]), 0.0)
             self._answers.append(_Answer(float(scores.max()), row, pose, answer.chosen, more))
 
     def search_rest(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
@@ -197,11 +200,15 @@ class Attempts:
 
         A part that was taken for its other side, or a carton with another face in front, costs
         little more than the right pose, and no search from there finds that. Where the number of
-        instances is not known, as many wrong answers as right ones would gain by it.
+        instances is not known, as many wrong answers as right ones would gain by it. So does what
+        stands beside sure ones, in the place of likely ones.
         """
-        for answer in self._different() if self._colorless and self._min_score is None else ():
-            if answer.score >= _LIKELY:
-                self._turn(answer)
+        if self._colorless and self._min_score is None:
+            self.search_neighbours(_VERY_LIKELY)
+            self.search_neighbours()
+            for answer in self._different():
+                if answer.score >= _LIKELY:
+                    self._turn(answer)
         if self._help_each_other:
             self._divide()  # what came forward where others changed
 
@@ -231,7 +238,7 @@ class Attempts:
             return self._found[0]
         rows = tuple(answer.row for answer in self._different())
         for answer in self._judged:
-            self._score(answer.pose, answer.settled)
+            self._context.fits.set_settled(self._object_id, answer.pose, answer.settled)
         return RefinedHypotheses(
             [pose for found in self._found for pose in found.refined],
             np.concatenate([found.costs for found in self._found]),
@@ -262,7 +269,7 @@ class Attempts:
         seen = self._verifier, self._context.observation
         self._appearances |= {answer.row: self._colors.at(*seen, answer.pose) for answer in new}
         appearances = [self._appearances[answer.row] for answer in self._answers]
-        logits = _logits(np.array([answer.score for answer in self._answers]))
+        logits = logits_of(np.array([answer.score for answer in self._answers]))
         look = appearance_evidence(appearances, logits, sure, self._colors)
         more, in_the_end = np.array([answer.more for answer in self._answers]), 1.0
         if self._min_score is None:  # otherwise two wrong ones, side by side, vouch for each other
@@ -291,8 +298,3 @@ class Attempts:
                 kept.append(answer)
                 rest.take(self._object_id, answer.pose)
         return kept
-
-
-def _logits(scores: Values) -> Values:
-    scores = np.clip(scores, 1e-9, 1.0 - 1e-9)
-    return np.asarray(np.log(scores / (1.0 - scores)))

@@ -28,6 +28,7 @@ class FrameFits:
         self._observation, self._verifier = observation, verifier
         self._score_model = score_model
         self._known: dict[tuple[int, bytes], PoseFit] = {}
+        self._settled: dict[tuple[int, bytes], float] = {}
 
     def measure(self, object_id: int, pose_cam_obj: Pose) -> PoseFit:
         """How well a pose fits the frame."""
@@ -46,12 +47,21 @@ class FrameFits:
         fit = self.measure(object_id, pose_cam_obj)
         self._known[object_id, pose_cam_obj.tobytes()] = replace(fit, appearance=appearance)
 
-    def measure_among(self, instances: Sequence[tuple[int, Pose]]) -> None:
-        """Measure instances of objects without colours anew, where others hide them.
+    def set_settled(self, object_id: int, pose_cam_obj: Pose, appearance: float) -> None:
+        """Keep the appearance that a pose will have in the end (`settle`), once it is chosen."""
+        self._settled[object_id, pose_cam_obj.tobytes()] = appearance
 
-        What others hide by less than the verification tolerates is not seen, but it is no sign of
-        a wrong pose either: the visible fraction stays. Colours tell enough of other objects.
+    def settle(self, instances: Sequence[tuple[int, Pose]]) -> None:
+        """Give chosen instances their settled appearance, measure those anew that others hide.
+
+        The latter holds for objects without colours. What others hide by less than the verification
+        tolerates is not seen, but it is no sign of a wrong pose either: the visible fraction stays.
+        Colours tell enough of other objects.
         """
+        for object_id, pose in instances:
+            if (object_id, pose.tobytes()) in self._settled:
+                settled = self._settled[object_id, pose.tobytes()]
+                self.set_appearance(object_id, pose, settled)
         seen = self._observation
         colorless = [not self._verifier(each).model.mesh.colored for each, _ in instances]
         if len(instances) < 2 or not any(colorless):

@@ -100,12 +100,12 @@ def resolve_conflicts(
     rest, losers = Unexplained(context, unexplained), []
     for object_id, pose in _best_first(context, found):
         counts = min_score is None or context.fits.score(object_id, pose) >= min_score
-        if object_id in losers or not counts:
+        if not counts:
             continue
         if rest.is_free(object_id, pose):
             rest.take(object_id, pose)
             claims.setdefault(object_id, []).append(pose)
-        else:
+        elif object_id not in losers:
             losers.append(object_id)
     resolved = dict(found)
     for object_id in losers:

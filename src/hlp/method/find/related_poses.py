@@ -26,6 +26,7 @@ _MISFIT = 0.15  # of the size of several parts, by which they may differ from th
 _ALONG = np.linspace(-0.9, 0.9, 33)  # of half the face: print rarely reaches its border
 _BESIDE = 0.3 * np.linspace(-1.0, 1.0, 31)  # of half the face: the edge may be that far off
 _AROUND = 13  # of these lines, among which there must be no groove
+_SAME_PLACE = 0.3  # of the part's least size, between centres (D)
 _SAME_SURFACE = 0.005  # m between the face of the box and the model
 _NEAR = 1.5  # px from an edge of depth, or 1 px from one of colour
 _EDGE = 0.93  # share of a face's length: print reaches .91, clear borders of cartons 1 (D)
@@ -52,11 +53,13 @@ class _Front(NamedTuple):
         return cls(middle, (high - low) / 2.0, axis, float(np.sign(towards[axis])))
 
 
-def poses_beside(verifier: Verifier, observation: Observation, found: Poses) -> Hypotheses:
+def poses_beside(
+    verifier: Verifier, observation: Observation, found: Poses, known: Poses
+) -> Hypotheses:
     """Coarse poses of neighbours: turned as what was `found`, and touching it.
 
     They are shifted by the model's size along one of its axes. Those that fit much less well than
-    `found` are left out.
+    `found` are left out, and those at the place of one that is `known`.
     """
     model = verifier.model
     sizes = np.diag(np.ptp(np.asarray(model.proxy.vertices, dtype=np.float64), axis=0))
@@ -64,6 +67,9 @@ def poses_beside(verifier: Verifier, observation: Observation, found: Poses) -> 
     poses = np.repeat(found, len(shifts), axis=0)
     poses[:, :3, 3] += np.einsum("nij,kj->nki", found[:, :3, :3], shifts).reshape(-1, 3)
     poses = poses[refinable(poses, model.centroid)]
+    centers, taken = (transform(each, model.centroid[None])[:, 0] for each in (poses, known))
+    apart = np.linalg.norm(centers[:, None] - taken, axis=-1).min(axis=1)
+    poses = poses[apart > _SAME_PLACE * sizes.max(axis=0).min()]
     limit = verifier.costs(observation, found).max() + verifier.settings.max_improvement
     poses = poses[verifier.costs(observation, poses) <= limit]
     return Hypotheses(poses, np.ones(len(poses)))

@@ -123,7 +123,7 @@ class _FrameSearch:
         return find_instances(*of, unexplained, self.min_score, fallback=self.fallback)
 
     def settle(self, traces: dict[int, ObjectTrace]) -> dict[int, ObjectTrace]:
-        """Objects compete for pixels; then the fit of each instance that is left is measured."""
+        """Objects compete for pixels; then the fit of each instance that is left is settled."""
         begun = time.perf_counter()
         found = resolve_conflicts(
             self.context,
@@ -133,7 +133,7 @@ class _FrameSearch:
             self.unexplained,
         )
         fits = self.context.fits
-        fits.measure_among(
+        fits.settle(
             [
                 (object_id, pose)
                 for object_id, refined in found.items()
