@@ -69,17 +69,17 @@ def chain(count, length):
 
 def test_without_neighbours_nothing_is_told():
     logits = np.array([3.0, 0.0, -2.0])
-    none = arrangement_evidence(np.zeros((3, 3), bool), logits, logits > 0)
+    none = arrangement_evidence(np.zeros((3, 3), bool), logits, logits > 0, True)
     np.testing.assert_allclose(none, 0.0, atol=1e-12)
-    alone = arrangement_evidence(np.zeros((1, 1), bool), logits[:1], logits[:1] > 0)
+    alone = arrangement_evidence(np.zeros((1, 1), bool), logits[:1], logits[:1] > 0, True)
     np.testing.assert_allclose(alone, 0.0, atol=1e-12)
 
 
 def test_where_parts_stand_in_a_row_one_in_it_is_likelier_and_one_beside_it_is_not():
     logits = np.array([3.0, 3.0, 0.0, 3.0, 3.0, 3.0, 0.0])
-    told = arrangement_evidence(chain(7, 6), logits, logits > 1)
+    told = arrangement_evidence(chain(7, 6), logits, logits > 1, True)
     assert told[2] > 1.5 and told[6] < -0.5
-    few = arrangement_evidence(chain(7, 3), logits, logits > 1)
+    few = arrangement_evidence(chain(7, 3), logits, logits > 1, True)
     assert 0.5 < few[2] < told[2]  # in a frame of which less stands in rows it tells less
     assert told[6] < few[6] < 0.0
 
@@ -88,11 +88,22 @@ def test_an_unlikely_neighbour_vouches_for_nothing_and_none_for_itself():
     logits = np.array([2.0, 2.0, 2.0, -6.0])
     wrong = chain(4, 0)
     wrong[2, 3] = wrong[3, 2] = True
-    told = arrangement_evidence(wrong, logits, logits > 0)
+    told = arrangement_evidence(wrong, logits, logits > 0, True)
     np.testing.assert_allclose(told, 0.0, atol=0.1)
-    pair = arrangement_evidence(chain(2, 2), np.array([2.0, 2.0]), np.array([True, True]))
-    one = arrangement_evidence(chain(2, 2), np.array([2.0, -1.0]), np.array([True, False]))
+    pair = arrangement_evidence(chain(2, 2), np.array([2.0, 2.0]), np.array([True, True]), True)
+    one = arrangement_evidence(chain(2, 2), np.array([2.0, -1.0]), np.array([True, False]), True)
     assert pair[0] > one[0] and pair[0] == pytest.approx(pair[1])
+
+
+def test_where_the_number_is_not_known_only_what_is_likely_by_itself_vouches():
+    logits = np.array([4.0, 0.5, 3.0, 3.0, 3.0])
+    sure = logits > 1.0
+    beside = chain(5, 5)
+    known, unknown = (arrangement_evidence(beside, logits, sure, told) for told in (True, False))
+    assert known[1] > unknown[1] > 0.5
+    two = chain(5, 2)  # as two wrong ones may
+    two_logits = np.array([0.1, 0.1, 3.0, 3.0, 3.0])
+    assert np.abs(arrangement_evidence(two, two_logits, sure, False)[:2]).max() < 0.1
 
 
 def test_the_ratio_is_that_of_its_definition():
@@ -111,4 +122,4 @@ def test_the_ratio_is_that_of_its_definition():
             if_wrong = near[k] * 0.05 + (1.0 - near[k]) * 0.95
             expected.append(np.log(if_right / if_wrong))
         right = 1.0 / (1.0 + np.exp(-logits - expected))
-    np.testing.assert_allclose(arrangement_evidence(chain(3, 2), logits, sure), expected)
+    np.testing.assert_allclose(arrangement_evidence(chain(3, 2), logits, sure, True), expected)

@@ -37,16 +37,21 @@ def stand_side_by_side(model: ObjectModel, poses_cam_obj: Poses) -> Bool[np.ndar
     return np.asarray(alike & beside)
 
 
-def arrangement_evidence(beside: Bool[np.ndarray, "n n"], logits: Values, sure: Flags) -> Values:
+def arrangement_evidence(
+    beside: Bool[np.ndarray, "n n"], logits: Values, sure: Flags, known: bool
+) -> Values:
     """Log-likelihood ratio of right against wrong that each answer's neighbours tell.
 
     `beside` says which answers stand side by side, `logits` are those of their scores. How many of
-    the right ones have a neighbour follows from the `sure` ones; none speaks for itself.
+    the right ones have a neighbour follows from the `sure` ones; none speaks for itself. Where the
+    number of instances is not `known`, wrong ones, too, may touch: an answer then tells as far as
+    it is likelier right than wrong before it has neighbours.
     """
     evidence = np.zeros(len(logits))
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if known else 1):
         right = probabilities(logits + evidence)
-        neighbour = np.where(beside, right, 0.0).max(axis=1)
+        telling = right if known else np.maximum(2.0 * right - 1.0, 0.0)
+        neighbour = np.where(beside, telling, 0.0).max(axis=1)
         weights = np.where(sure, right, 0.0)
         found = (weights * neighbour).sum() - weights * neighbour
         share = (found + _BY_CHANCE) / (weights.sum() - weights + 1.0)

@@ -199,7 +199,7 @@ def test_another_face_in_front_is_taken_if_cost_and_score_are_better(
     estimator = Turned(verifier, context.observation, scores, templates)
     tried = attempts(estimator, context, 1, min_score)
     tried.add(refined(WRONG))
-    tried.search_turned()
+    tried.search_instead()
     (pose,) = tried.merged().chosen_poses
     assert is_turned_right(pose) == right
     np.testing.assert_allclose(pose[:3, 3], (POSES[1] if right else WRONG)[:3, 3], atol=1e-9)
@@ -218,7 +218,7 @@ def test_beside_a_sure_one_another_takes_the_place_of_a_less_likely_one(verifier
     tried.add(refined(POSES[0], between))
     tried.search_neighbours()
     assert len(tried.poses(0.0)) == 2
-    tried.search_turned()
+    tried.search_instead()
     places = [pose[0, 3] for pose in tried.poses(0.0)]
     assert any(np.isclose(place, PLACES[1, 0]) for place in places) == right
 
@@ -242,7 +242,7 @@ def test_two_parts_taken_for_one_are_as_likely_as_it_was(second, parts, neighbou
     tried.add(refined(PAIR_WHOLE))
     if neighbours:
         tried.search_neighbours()
-    tried.search_turned()  # it may bring another such answer forward
+    tried.search_instead()  # it may bring another such answer forward
     likely = tried.poses(0.5)
     assert len(likely) == parts
     places = PAIR if parts == 2 else PAIR_WHOLE[None]

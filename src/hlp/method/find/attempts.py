@@ -195,13 +195,13 @@ class Attempts:
             self.search_further(coarse_poses, known := found)
             self.search_neighbours()
 
-    def search_turned(self) -> None:
-        """Take what stands turned in the place of a likely one, if it fits better.
+    def search_instead(self) -> None:
+        """Search what stands in the place of likely ones: beside sure ones, or turned.
 
         A part that was taken for its other side, or a carton with another face in front, costs
-        little more than the right pose, and no search from there finds that. Where the number of
-        instances is not known, as many wrong answers as right ones would gain by it. So does what
-        stands beside sure ones, in the place of likely ones.
+        little more than the right pose, and no search from there finds that: it is taken if it fits
+        better. Where the number of instances is not known, as many wrong answers as right ones
+        would gain by it.
         """
         if self._colorless and self._min_score is None:
             self.search_neighbours(_VERY_LIKELY)
@@ -271,12 +271,12 @@ class Attempts:
         appearances = [self._appearances[answer.row] for answer in self._answers]
         logits = logits_of(np.array([answer.score for answer in self._answers]))
         look = appearance_evidence(appearances, logits, sure, self._colors)
-        more, in_the_end = np.array([answer.more for answer in self._answers]), 1.0
-        if self._min_score is None:  # otherwise two wrong ones, side by side, vouch for each other
-            poses = np.stack([answer.pose for answer in self._answers])
-            beside = stand_side_by_side(self._verifier.model, poses)
-            more, in_the_end = more + arrangement_evidence(beside, logits + look, sure), _LOOK
-        told, settled = (weight * (BEST_OF_MANY + look) + more for weight in (1.0, in_the_end))
+        more = np.array([answer.more for answer in self._answers])
+        poses, known = np.stack([a.pose for a in self._answers]), self._min_score is None
+        beside = stand_side_by_side(self._verifier.model, poses)
+        more += arrangement_evidence(beside, logits + look, sure, known)
+        weights = 1.0, _LOOK if known else 1.0
+        told, settled = (weight * (BEST_OF_MANY + look) + more for weight in weights)
         return [
             answer._replace(score=self._score(answer.pose, float(now)), settled=float(later))
             for answer, now, later in zip(self._answers, told, settled, strict=True)

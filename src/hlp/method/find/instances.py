@@ -54,7 +54,7 @@ def find_instances(
         attempts.search_neighbours()
         if enough == SURE and min_score is not None:
             attempts.search_rest(coarse_poses, right)
-    attempts.search_turned()
+    attempts.search_instead()
     return attempts.merged()
 
 
