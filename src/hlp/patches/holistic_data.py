@@ -120,7 +120,7 @@ def _draw_occluders(rng: np.random.Generator, draws: np.ndarray, size: int) -> N
 
 
 def _draw_borders(rng: np.random.Generator, draws: np.ndarray, size: int) -> None:
-    """The image ends within a fifth of the windows, on one side or on two, never at the centre."""
+    """The image ends within a tenth of the windows, on one side or on two, never at the centre."""
     shape = len(draws), 2  # up or down, left or right
     beyond = np.where(rng.random(shape) < _CUT_OFF, rng.uniform(0.0, 0.5, shape), 0.0)
     beyond = np.rint(beyond * size).astype(int)
