@@ -183,7 +183,7 @@ def test_a_narrow_side_is_less_likely_right_and_hardly_less_where_it_is_nearly_t
         - logit(COLORLESS_PRIOR.score(replace(broad, projected_share=share)))
         for share in (1.0, 0.8, 0.5, 0.25)
     ]
-    assert away == pytest.approx([0.0, 0.16, 2.5, 8.4375])
+    assert away == pytest.approx([0.0, 0.24, 3.75, 12.65625])
 
 
 def test_colours_and_the_border_are_no_part_of_the_fit():

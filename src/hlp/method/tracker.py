@@ -11,7 +11,6 @@ import numpy as np
 from hlp.arrays import Mask, Pose, Poses, Vector
 from hlp.geometry import nearest_rotation, nearest_symmetric_pose, project, rigid, transform
 from hlp.method.arguments import RgbdFrame, checked_mask, checked_rgbd
-from hlp.method.find.attempts import Unexplained
 from hlp.method.find.detections import (
     Detection,
     Rejection,
@@ -25,6 +24,7 @@ from hlp.method.find.detections import (
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.method.find.patch_matching import FrameMatches
 from hlp.method.find.search import search_frame
+from hlp.method.find.unexplained import Unexplained
 from hlp.method.settings import TrackingSettings
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.refiner import refinable

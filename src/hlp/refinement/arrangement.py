@@ -1,23 +1,28 @@
-"""What the places of answers tell of each other: parts are often packed in rows, or stacked.
+"""What the places of poses tell of each other: parts are often packed in rows, or stacked.
 
 A wrong answer hardly ever touches a right one, face to face and turned as it is; a right one does
 where parts are packed. Where most of the parts of a frame stand like that, one that does not is
-less likely right.
+less likely right. So is one in whose place another pose fits hardly worse.
 """
 
 import numpy as np
 from jaxtyping import Bool
 
-from hlp.arrays import Flags, Poses, Values
+from hlp.arrays import Flags, Points, Pose, Poses, Values
 from hlp.geometry import transform
 from hlp.records import ObjectModel
 from hlp.refinement.score_model import probabilities
+from hlp.refinement.verification import Observation, Verifier
 
 _SAME_TURN = np.radians(15.0)
 _MISFIT = 0.2  # of the part's size along each of its axes (D)
 _BY_CHANCE = 0.05  # probability that a wrong answer stands beside a right one (D)
 _MOST = 0.95  # of the share of right answers that do
 _ROUNDS = 2  # in which answers tell each other which are right
+_NEAR = 0.6  # of the diameter, between the centres of poses at one place (D)
+_ANOTHER = 0.1  # of the diameter: ADD-S from which poses are not the same
+_COVERED = 0.5  # of the smaller silhouette, by the other of two that exclude each other (D)
+_RIVALS = 3  # poses of least cost that are compared with one (D)
 
 
 def stand_side_by_side(model: ObjectModel, poses_cam_obj: Poses) -> Bool[np.ndarray, "n n"]:
@@ -60,3 +65,28 @@ def arrangement_evidence(
         if_wrong = neighbour * _BY_CHANCE + (1.0 - neighbour) * (1.0 - _BY_CHANCE)
         evidence = np.log(if_right / if_wrong)
     return evidence
+
+
+def rival_poses(
+    verifier: Verifier, observation: Observation, pose_cam_obj: Pose, others: Poses, samples: Points
+) -> list[Pose]:
+    """Other poses that explain a pose's pixels hardly worse: at most three, of least cost.
+
+    They are another pose by ADD-S, of `samples` (m) of the surface, and one of both silhouettes
+    covers at least half of the other. Those that cost more by `max_improvement` are no rivals.
+    """
+    model, rivals = verifier.model, list[Pose]()
+    points = transform(pose_cam_obj, np.vstack([model.centroid, samples]))
+    centers = transform(others, model.centroid[None])[:, 0]
+    others = others[np.linalg.norm(centers - points[0], axis=1) < _NEAR * model.diameter]
+    limit = verifier.costs(observation, pose_cam_obj[None])[0] + verifier.settings.max_improvement
+    costs, drawn = verifier.costs(observation, others), verifier.depth_of(observation, pose_cam_obj)
+    for row in np.argsort(costs, kind="stable"):
+        if costs[row] > limit or len(rivals) == _RIVALS:
+            break
+        apart = np.linalg.norm(points[1:, None] - transform(others[row], samples), axis=-1)
+        if apart.min(axis=1).mean() > _ANOTHER * model.diameter and (
+            drawn.shared_with(verifier.depth_of(observation, others[row])) > _COVERED
+        ):
+            rivals.append(others[row])
+    return rivals

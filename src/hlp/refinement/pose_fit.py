@@ -38,8 +38,9 @@ class PoseFit:
     edge at every visible part of the outline, 1 where it has none.
     `plane_deviation_mm` is the standard deviation of the model's depth from the plane that fits it
     best: of a flat side, the correlations say little. It is infinite for an object with colours,
-    which make up for it. `appearance` is what colours and edges within the outline tell of a pose
-    of an object without colours, given the other answers of the frame (`refinement.appearance`): a
+    which make up for it, and where too few pixels are seen. `appearance` is what colours and edges
+    within the outline tell of a pose of an object without colours, given the other answers of the
+    frame (`refinement.appearance`), and other poses at its place (`refinement.arrangement`): a
     log-likelihood ratio, 0 if nothing. `projected_share` is the silhouette's area relative to that
     of the object's broadest side, at most 1 and for objects with colours always: narrow sides look
     like many things.
@@ -107,11 +108,11 @@ def depth_correlation(first: Image, second: Image, among: Mask) -> tuple[float, 
     """Correlation of two depth images among some pixels, without the plane that fits each best.
 
     0 if there are too few pixels, or one of the images shows a plane. The second value is the
-    standard deviation (m) of the first image from its plane; 0 for too few pixels.
+    standard deviation (m) of the first image from its plane; infinite for too few pixels.
     """
     left = _without_plane([first, second], among)
     if len(left) == 0:
-        return 0.0, 0.0
+        return 0.0, np.inf  # a shape that is not seen speaks against a pose, unlike a plane
     return _correlation([left[:, 0]], [left[:, 1]]), float(np.sqrt(np.square(left[:, 0]).mean()))
 
 

@@ -30,7 +30,7 @@ _AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
 _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
 _HIGHEST_CONTRAST = 0.8
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
-_NARROW = 20.0  # of the logit, times the cube of what the silhouette lacks of the broadest side (D)
+_NARROW = 30.0  # of the logit, times the cube of what the silhouette lacks of the broadest side (D)
 _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
 _USUAL = 0.05  # … and this (D)
 _ENOUGH = 0.25  # an instance is compared with others whose squared scores sum up to this (D)
@@ -44,15 +44,16 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 class ScoreModel(Stored):
     """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
-    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 20·n³, where c is the
+    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 30·n³, where c is the
     verification cost, e the distance of the outline to edges of the image, h the hidden fraction, a
     what the appearance tells, d how much the colours contradict, and b the fraction beyond the
     image's border: what the image does not show contradicts no pose, so wrong ones gather there. n
     is the share by which the silhouette is smaller than the object's broadest side: parts rarely
     stand on edge, and a narrow rectangle is like many things; 0 for objects with colours. z is the
     mean Fisher transform artanh(r) of the correlations r of depth and slope, drawn to a neutral
-    value where the model itself is nearly a plane. `cost`, `edge` and `hidden` are at most 0 and
-    `shape` at least 0: the score never falls when the fit is better. An object of which less than
+    value where the model itself is nearly a plane, and 0 where too few of its pixels are seen.
+    `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls when the
+    fit is better. An object of which less than
     0.3 is seen is not found: its score is below `MIN_SCORE`, in proportion.
     """
 

@@ -35,6 +35,12 @@ class Scores:
     def set_settled(self, _, pose, appearance):
         self.settled[pose.tobytes()] = appearance
 
+    def score_alone(self, _, pose):
+        appearance = self.appearances.pop(pose.tobytes(), 0.0)
+        score = self.score(_, pose)
+        self.appearances[pose.tobytes()] = appearance
+        return score
+
     def score(self, _, pose):
         nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
         score = self._scores[int(nearest.argmin())] if nearest.min() < 0.01 else 0.0
@@ -141,12 +147,27 @@ def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color
         assert estimator.appearances[POSES[other].tobytes()] == before  # objects compete by it
         told[other] = before, estimator.settled[POSES[other].tobytes()]
     (beside, beside_later), (alone, alone_later) = told[1], told[2]
-    assert alone_later == pytest.approx(0.3 * alone)
+    assert alone_later == pytest.approx(0.3 * (alone - BEST_OF_MANY) + 0.2)  # without rivals
     assert beside_later - alone_later == pytest.approx(beside - alone, abs=0.3)
     tried = attempts(estimator, context, 2, min_score=0.3)
     tried.add(refined(POSES[0], POSES[2]))
     tried.merged()
-    assert estimator.settled == {key: estimator.appearances[key] for key in estimator.settled}
+    for key, settled in estimator.settled.items():
+        assert settled == pytest.approx(estimator.appearances[key] + 0.2)
+
+
+def test_the_likelier_another_pose_at_its_place_the_less_likely_is_an_answer(verifier, monkeypatch):
+    context = frame(verifier, WHITE, WHITE, WHITE)
+    monkeypatch.setattr("hlp.method.find.attempts.rival_poses", lambda *given: [*given[3][:2]])
+    settled = []
+    for score in (0.0, 0.2, 0.8):  # of the likelier one of two rivals
+        estimator = Scores(verifier, [0.9, score, score / 2.0, 0.0])
+        tried = attempts(estimator, context, 1)
+        tried.add(refined(*POSES[:3]))
+        assert found_places(tried) == [0]
+        settled.append(estimator.settled[POSES[0].tobytes()])
+    assert settled[0] - settled[1] == pytest.approx(-1.5 * np.log(0.8), abs=1e-6)
+    assert settled[0] - settled[2] == pytest.approx(-1.5 * np.log(0.2), abs=1e-6)
 
 
 def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(verifier):

@@ -11,9 +11,10 @@ from hlp.arrays import Pose, Poses
 from hlp.geometry import transform
 from hlp.method.find.estimator import FrameContext
 from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
+from hlp.method.find.unexplained import Unexplained
 from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
-from hlp.refinement.arrangement import arrangement_evidence, stand_side_by_side
+from hlp.refinement.arrangement import arrangement_evidence, rival_poses, stand_side_by_side
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.score_model import MIN_SCORE, logits_of
 from hlp.refinement.verification import Observation
@@ -35,31 +36,8 @@ _VERY_LIKELY = 0.9
 """Score of a pose beside which they are looked for in the place of less likely ones, too (D)."""
 _LOOK = 0.3
 """Weight of what the look tells, in the end, of answers of a known number: it chose them (D)."""
-
-
-class Unexplained:
-    """The part of a frame that poses leave unexplained, which they take one after another.
-
-    `left` is where it begins; None: the whole frame.
-    """
-
-    def __init__(self, context: FrameContext, left: Observation | None) -> None:
-        self._estimator, self._context, self.left = context.estimator, context, left
-
-    @property
-    def observation(self) -> Observation:
-        """What is left."""
-        return self._context.observation if self.left is None else self.left
-
-    def is_free(self, object_id: int, pose: Pose) -> bool:
-        """Whether at least half of the pixels that agree with a pose are left."""
-        verifier = self._estimator.verifier(object_id)
-        evidence = verifier.evidence(self._context.observation, pose[None])
-        return bool(verifier.is_free(self.observation, pose[None], evidence)[0])
-
-    def take(self, object_id: int, pose: Pose) -> None:
-        """Leave out what a pose explains."""
-        self.left = self._estimator.verifier(object_id).without_explained(self.observation, pose)
+_UNRIVALLED, _RIVAL = 0.2, 1.5
+"""Evidence of an answer without rivals, and its loss by the logarithm of their being wrong (D)."""
 
 
 class _Answer(NamedTuple):
@@ -104,7 +82,6 @@ class Attempts:
         self._looked_within: set[bytes] = set()
         self._appearances: dict[int, PartAppearance] = {}
         self._kept: list[_Answer] | None = None  # of the answers, until there are others
-        self._judged: list[_Answer] = []
 
     @cached_property
     def _colors(self) -> FrameColors:
@@ -236,16 +213,32 @@ class Attempts:
             return None
         if len(self._found) == 1 and not self._colorless:
             return self._found[0]
-        rows = tuple(answer.row for answer in self._different())
-        for answer in self._judged:
-            self._context.fits.set_settled(self._object_id, answer.pose, answer.settled)
+        refined = [pose for found in self._found for pose in found.refined]
+        kept = self._different()
+        rows = tuple(answer.row for answer in kept)
+        others = [pose.pose_cam_obj for row, pose in enumerate(refined) if row not in rows]
+        for answer in kept:
+            settled = answer.settled + self._rival_evidence(answer.pose, others)
+            self._context.fits.set_settled(self._object_id, answer.pose, settled)
         return RefinedHypotheses(
-            [pose for found in self._found for pose in found.refined],
+            refined,
             np.concatenate([found.costs for found in self._found]),
             np.concatenate([found.sources for found in self._found]),
             np.concatenate([found.seeds for found in self._found]),
             rows,
         )
+
+    def _rival_evidence(self, pose: Pose, others: Sequence[Pose]) -> float:
+        """Log-likelihood ratio of right against wrong that other poses at the same place tell.
+
+        Of poses that exclude each other, one is less likely, the likelier the others are.
+        """
+        if not self._colorless:
+            return 0.0
+        of = self._verifier, self._context.observation, pose
+        rivals = rival_poses(*of, np.reshape(others, (-1, 4, 4)), self._colors.samples)
+        scores = [self._context.fits.score_alone(self._object_id, rival) for rival in rivals]
+        return _UNRIVALLED + _RIVAL * float(np.log1p(-max(scores, default=0.0)))
 
     def _different(self) -> list[_Answer]:
         """The most likely answers, without those on pixels of better ones.
@@ -255,7 +248,7 @@ class Attempts:
         if self._kept is None:
             judged = self._judge() if self._colorless else self._answers
             judged = sorted(judged, key=lambda a: (not (a.chosen and a.score >= _LIKELY), -a.score))
-            self._kept, self._judged = self._apart(judged), judged
+            self._kept = self._apart(judged)
         return self._kept
 
     def _judge(self) -> list[_Answer]:
@@ -275,8 +268,8 @@ class Attempts:
         poses, known = np.stack([a.pose for a in self._answers]), self._min_score is None
         beside = stand_side_by_side(self._verifier.model, poses)
         more += arrangement_evidence(beside, logits + look, sure, known)
-        weights = 1.0, _LOOK if known else 1.0
-        told, settled = (weight * (BEST_OF_MANY + look) + more for weight in weights)
+        told = BEST_OF_MANY + look + more
+        settled = _LOOK * look + more if known else told
         return [
             answer._replace(score=self._score(answer.pose, float(now)), settled=float(later))
             for answer, now, later in zip(self._answers, told, settled, strict=True)

@@ -42,6 +42,11 @@ class FrameFits:
         """The probability that a pose is right, by its fit."""
         return self._score_model(object_id).score(self.measure(object_id, pose_cam_obj))
 
+    def score_alone(self, object_id: int, pose_cam_obj: Pose) -> float:
+        """The same, whatever else the frame says of its look."""
+        fit = replace(self.measure(object_id, pose_cam_obj), appearance=0.0)
+        return self._score_model(object_id).score(fit)
+
     def set_appearance(self, object_id: int, pose_cam_obj: Pose, appearance: float) -> None:
         """Keep with a pose's fit what else the frame says of its look (`PoseFit.appearance`)."""
         fit = self.measure(object_id, pose_cam_obj)

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from hlp.arrays import Pose
-from hlp.method.find.attempts import Attempts, CoarsePoses, Unexplained
+from hlp.method.find.attempts import Attempts, CoarsePoses
 from hlp.method.find.estimator import FrameContext
+from hlp.method.find.unexplained import Unexplained
 from hlp.records import Hypotheses, Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.score_model import MIN_SCORE, SURE
