@@ -22,9 +22,9 @@ from hlp.method.find.detections import (
     with_ranks,
 )
 from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.frame_fits import Unexplained
 from hlp.method.find.patch_matching import FrameMatches
 from hlp.method.find.search import search_frame
-from hlp.method.find.unexplained import Unexplained
 from hlp.method.settings import TrackingSettings
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.refiner import refinable
@@ -169,7 +169,7 @@ class _Step:
         self.context, self.models = context, context.estimator.learnt.models
         self.found: list[tuple[Track, TrackedDetection]] = []
         self._begun = time.perf_counter()
-        self._rest = Unexplained(context, None)
+        self._rest = Unexplained(context.observation, context.estimator.verifier, None)
         self._taken = 0  # of what was found: its pixels are left out of the rest
 
     def follow(self, track: Track, settings: TrackingSettings) -> bool:

@@ -10,8 +10,8 @@ import numpy as np
 from hlp.arrays import Pose, Poses
 from hlp.geometry import transform
 from hlp.method.find.estimator import FrameContext
+from hlp.method.find.frame_fits import Unexplained
 from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
-from hlp.method.find.unexplained import Unexplained
 from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
 from hlp.refinement.arrangement import arrangement_evidence, rival_poses, stand_side_by_side
@@ -106,7 +106,7 @@ class Attempts:
 
     def search_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
         """Refine coarse poses of the missing instances, in what the `known` ones leave."""
-        rest = Unexplained(self._context, self._unexplained)
+        rest = self._rest()
         for pose in known:
             rest.take(self._object_id, pose)
         missing, enough = self._instances - len(known), self._min_score
@@ -280,10 +280,14 @@ class Attempts:
             self._context.fits.set_appearance(self._object_id, pose, appearance)
         return self._context.fits.score(self._object_id, pose)
 
+    def _rest(self) -> Unexplained:
+        seen = self._context.observation
+        return Unexplained(seen, self._estimator.verifier, self._unexplained)
+
     def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:
         """Those of the answers, the best first, that do not stand on pixels of better ones."""
         kept: list[_Answer] = []
-        rest = Unexplained(self._context, self._unexplained)
+        rest = self._rest()
         for answer in answers:
             if len(kept) == self._instances:
                 break

@@ -1,4 +1,4 @@
-"""How well poses fit a frame."""
+"""How well poses fit a frame, and what they leave unexplained of it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,6 +10,8 @@ from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Observation, Verifier
 
+Verifiers = Callable[[int], Verifier]
+"""The verifier of an object, given its id."""
 _NEARER = np.float32(0.5)  # of the object's distance: by far more than τ_d in front of it
 
 
@@ -22,7 +24,7 @@ class FrameFits:
     def __init__(
         self,
         observation: Observation,
-        verifier: Callable[[int], Verifier],
+        verifier: Verifiers,
         score_model: Callable[[int], ScoreModel],
     ) -> None:
         self._observation, self._verifier = observation, verifier
@@ -84,3 +86,30 @@ class FrameFits:
                 appearance=before.appearance,
                 visible_fraction=before.visible_fraction,
             )
+
+
+class Unexplained:
+    """The part of a frame that poses leave unexplained, which they take one after another.
+
+    `left` is where it begins; None: the whole frame.
+    """
+
+    def __init__(
+        self, observation: Observation, verifier: Verifiers, left: Observation | None
+    ) -> None:
+        self._observation, self._verifier, self.left = observation, verifier, left
+
+    @property
+    def observation(self) -> Observation:
+        """What is left."""
+        return self._observation if self.left is None else self.left
+
+    def is_free(self, object_id: int, pose: Pose) -> bool:
+        """Whether at least half of the pixels that agree with a pose are left."""
+        verifier = self._verifier(object_id)
+        evidence = verifier.evidence(self._observation, pose[None])
+        return bool(verifier.is_free(self.observation, pose[None], evidence)[0])
+
+    def take(self, object_id: int, pose: Pose) -> None:
+        """Leave out what a pose explains."""
+        self.left = self._verifier(object_id).without_explained(self.observation, pose)

@@ -9,7 +9,7 @@ from functools import partial
 from hlp.arrays import Pose
 from hlp.method.find.attempts import Attempts, CoarsePoses
 from hlp.method.find.estimator import FrameContext
-from hlp.method.find.unexplained import Unexplained
+from hlp.method.find.frame_fits import Unexplained
 from hlp.records import Hypotheses, Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.score_model import MIN_SCORE, SURE
@@ -98,7 +98,8 @@ def resolve_conflicts(
     if sum(refined is not None for refined in found.values()) < 2:
         return found
     claims: dict[int, list[Pose]] = {}
-    rest, losers = Unexplained(context, unexplained), []
+    whole = context.observation, context.estimator.verifier, unexplained
+    rest, losers = Unexplained(*whole), []
     for object_id, pose in _best_first(context, found):
         counts = min_score is None or context.fits.score(object_id, pose) >= min_score
         if not counts:
@@ -110,7 +111,7 @@ def resolve_conflicts(
             losers.append(object_id)
     resolved = dict(found)
     for object_id in losers:
-        rest = Unexplained(context, unexplained)
+        rest = Unexplained(*whole)
         for other, poses in claims.items():
             for pose in poses if other != object_id else ():
                 rest.take(other, pose)
