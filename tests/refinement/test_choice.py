@@ -106,7 +106,7 @@ def test_what_scores_too_little_early_on_is_given_up_and_not_searched_again(
 def test_fewer_are_refined_of_an_object_that_may_be_absent(scene, verification, poses):
     many, surely = np.concatenate([poses] * 3), ScoreModel(9.0, 0.0, 0.0)
     given = scene, verification, Recorder(), many, 18, 1.0
-    assert [len(choose(*given, early_score=s).refined) for s in (None, surely)] == [18, 12]
+    assert [len(choose(*given, early_score=s).refined) for s in (None, surely)] == [18, 8]
 
 
 def test_hypotheses_that_cost_far_more_are_not_refined(scene, verification, poses):

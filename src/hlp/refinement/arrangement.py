@@ -76,17 +76,25 @@ def rival_poses(
     covers at least half of the other. Those that cost more by `max_improvement` are no rivals.
     """
     model, rivals = verifier.model, list[Pose]()
-    points = transform(pose_cam_obj, np.vstack([model.centroid, samples]))
-    centers = transform(others, model.centroid[None])[:, 0]
-    others = others[np.linalg.norm(centers - points[0], axis=1) < _NEAR * model.diameter]
+    center = transform(pose_cam_obj, model.centroid[None])
+    away = transform(others, model.centroid[None])[:, 0] - center
+    others = others[np.linalg.norm(away, axis=1) < _NEAR * model.diameter]
     limit = verifier.costs(observation, pose_cam_obj[None])[0] + verifier.settings.max_improvement
     costs, drawn = verifier.costs(observation, others), verifier.depth_of(observation, pose_cam_obj)
+    points = transform(pose_cam_obj, samples) - center
     for row in np.argsort(costs, kind="stable"):
         if costs[row] > limit or len(rivals) == _RIVALS:
             break
-        apart = np.linalg.norm(points[1:, None] - transform(others[row], samples), axis=-1)
-        if apart.min(axis=1).mean() > _ANOTHER * model.diameter and (
+        apart = _mean_distance(points, transform(others[row], samples) - center)
+        if apart > _ANOTHER * model.diameter and (
             drawn.shared_with(verifier.depth_of(observation, others[row])) > _COVERED
         ):
             rivals.append(others[row])
     return rivals
+
+
+def _mean_distance(points: Points, others: Points) -> float:
+    """Mean distance of points near the origin to the nearest of others, by a matrix product."""
+    squares = np.square(points).sum(axis=1)[:, None] - 2.0 * points @ others.T
+    nearest = (squares + np.square(others).sum(axis=1)).min(axis=1)
+    return float(np.sqrt(np.maximum(nearest, 0.0)).mean())

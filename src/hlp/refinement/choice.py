@@ -21,7 +21,7 @@ from hlp.refinement.verification import Evidence, Observation, Verifier
 _FURTHER = 4  # hypotheses refined for one more instance where their number is not known
 _HOPELESS = 0.1  # if the best of the first two of these scores less, the others are left out
 _GIVEN_UP_SHARE = 0.03  # of min_score: a hypothesis that soon scores less is given up (D)
-_IF_THERE = 12  # hypotheses refined at first of an object with colours that may be absent (D)
+_IF_THERE = 8  # hypotheses refined at first of an object with colours that may be absent (D)
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 

@@ -36,8 +36,10 @@ _VERY_LIKELY = 0.9
 """Score of a pose beside which they are looked for in the place of less likely ones, too (D)."""
 _LOOK = 0.3
 """Weight of what the look tells, in the end, of answers of a known number: it chose them (D)."""
-_UNRIVALLED, _RIVAL = 0.2, 1.5
-"""Evidence of an answer without rivals, and its loss by the logarithm of their being wrong (D)."""
+_KNOWN = 0.2
+"""Added to the logit, in the end, of answers of a known number (D)."""
+_RIVAL = 1.5
+"""Weight of the logarithm of the probability that a rival of an answer is wrong (D)."""
 
 
 class _Answer(NamedTuple):
@@ -238,7 +240,7 @@ class Attempts:
         of = self._verifier, self._context.observation, pose
         rivals = rival_poses(*of, np.reshape(others, (-1, 4, 4)), self._colors.samples)
         scores = [self._context.fits.score_alone(self._object_id, rival) for rival in rivals]
-        return _UNRIVALLED + _RIVAL * float(np.log1p(-max(scores, default=0.0)))
+        return _RIVAL * float(np.log1p(-max(scores, default=0.0)))
 
     def _different(self) -> list[_Answer]:
         """The most likely answers, without those on pixels of better ones.
@@ -269,7 +271,7 @@ class Attempts:
         beside = stand_side_by_side(self._verifier.model, poses)
         more += arrangement_evidence(beside, logits + look, sure, known)
         told = BEST_OF_MANY + look + more
-        settled = _LOOK * look + more if known else told
+        settled = _KNOWN + _LOOK * look + more if known else told
         return [
             answer._replace(score=self._score(answer.pose, float(now)), settled=float(later))
             for answer, now, later in zip(self._answers, told, settled, strict=True)
