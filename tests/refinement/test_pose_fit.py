@@ -38,6 +38,14 @@ def test_depth_correlation_is_that_of_what_planes_leave():
     assert deviation == pytest.approx(left[0].std(), abs=1e-9)
 
 
+def test_of_too_few_pixels_nothing_tells_how_flat_they_are():
+    depth, among = np.random.default_rng(0).random((20, 20)), np.zeros((20, 20), bool)
+    among[:5, :5] = True
+    assert depth_correlation(depth, depth, among) == (0.0, np.inf)
+    among[:6] = True
+    assert depth_correlation(depth, depth, among)[0] == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize(
     "compare", [lambda *given: depth_correlation(*given)[0], slope_correlation]
 )

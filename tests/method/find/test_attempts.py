@@ -36,10 +36,7 @@ class Scores:
         self.settled[pose.tobytes()] = appearance
 
     def score_alone(self, _, pose):
-        appearance = self.appearances.pop(pose.tobytes(), 0.0)
-        score = self.score(_, pose)
-        self.appearances[pose.tobytes()] = appearance
-        return score
+        return self.score(_, pose)
 
     def score(self, _, pose):
         nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
@@ -159,14 +156,17 @@ def test_the_likelier_another_pose_at_its_place_the_less_likely_is_an_answer(ver
     context = frame(verifier, WHITE, WHITE, WHITE)
     monkeypatch.setattr("hlp.method.find.attempts.rival_poses", lambda *given: [*given[3][:2]])
     settled = []
-    for score in (0.0, 0.2, 0.8):  # of the likelier one of two rivals
-        estimator = Scores(verifier, [0.9, score, score / 2.0, 0.0])
+    for score in (0.0, 0.2, 0.8, 1.0):  # of the likelier one of two rivals
+        estimator = Scores(verifier, [0.9, 0.0, 0.0, 0.0])
+        alone = {POSES[1].tobytes(): score, POSES[2].tobytes(): score / 2.0}
+        estimator.score_alone = lambda _, pose, alone=alone: alone[pose.tobytes()]
         tried = attempts(estimator, context, 1)
         tried.add(refined(*POSES[:3]))
         assert found_places(tried) == [0]
         settled.append(estimator.settled[POSES[0].tobytes()])
     assert settled[0] - settled[1] == pytest.approx(-1.5 * np.log(0.8), abs=1e-6)
     assert settled[0] - settled[2] == pytest.approx(-1.5 * np.log(0.2), abs=1e-6)
+    assert np.isfinite(settled[3]) and settled[3] < settled[2] - 20.0
 
 
 def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(verifier):

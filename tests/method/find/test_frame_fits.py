@@ -57,6 +57,13 @@ def test_chosen_ones_have_their_settled_appearance_in_the_end(fits):
     assert [own.measure(1, pose).appearance for pose in PACKED] == [0.2, 0.7]
 
 
+def test_a_score_by_the_fit_alone_knows_no_appearance(fits):
+    own, *_ = fits
+    before = own.score(1, PACKED[0])
+    own.set_appearance(1, PACKED[0], -2.0)
+    assert own.score(1, PACKED[0]) < own.score_alone(1, PACKED[0]) == before
+
+
 def test_alone_in_front_or_with_colours_a_fit_stays(fits):
     own, verifier, seen = fits
     before, front = (own.measure(1, pose) for pose in PACKED)

@@ -240,7 +240,7 @@ class Attempts:
         of = self._verifier, self._context.observation, pose
         rivals = rival_poses(*of, np.reshape(others, (-1, 4, 4)), self._colors.samples)
         scores = [self._context.fits.score_alone(self._object_id, rival) for rival in rivals]
-        return _RIVAL * float(np.log1p(-max(scores, default=0.0)))
+        return _RIVAL * float(np.log(max(1.0 - max(scores, default=0.0), 1e-9)))
 
     def _different(self) -> list[_Answer]:
         """The most likely answers, without those on pixels of better ones.
