@@ -56,10 +56,9 @@ class ObjectDepth:
 
     def shared_with(self, other: "ObjectDepth") -> float:
         """The pixels that both show, as a share of those that the smaller one shows; 0 if none."""
-        own, others = self.depth > 0.0, other.depth > 0.0
-        smaller = np.minimum(np.count_nonzero(own), np.count_nonzero(others))
-        shared = np.count_nonzero(own & (other._in_part_of(self) > 0.0))
-        return float(shared / max(int(smaller), 1))
+        shared = (self.depth > 0.0) & (other._in_part_of(self) > 0.0)
+        smaller = np.minimum((self.depth > 0.0).sum(), (other.depth > 0.0).sum())
+        return float(shared.sum() / max(smaller, 1))
 
     def _in_part_of(self, other: "ObjectDepth") -> Image:
         """Its depth in the rows and columns of another one."""

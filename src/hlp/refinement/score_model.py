@@ -53,8 +53,8 @@ class ScoreModel(Stored):
     mean Fisher transform artanh(r) of the correlations r of depth and slope, drawn to a neutral
     value where the model itself is nearly a plane, and 0 where too few of its pixels are seen.
     `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls when the
-    fit is better. An object of which less than
-    0.3 is seen is not found: its score is below `MIN_SCORE`, in proportion.
+    fit is better. An object of which less than 0.3 is seen is not found: its score is below
+    `MIN_SCORE`, in proportion.
     """
 
     bias: float

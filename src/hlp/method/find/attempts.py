@@ -210,7 +210,10 @@ class Attempts:
         return [answer.pose for answer in self._different() if answer.score >= least]
 
     def merged(self) -> RefinedHypotheses | None:
-        """All attempts as one, scores settled: the best answers, each of another instance."""
+        """All attempts as one: the best answers, each of another instance.
+
+        Scores of objects without colours are settled.
+        """
         if not self._found:
             return None
         if len(self._found) == 1 and not self._colorless:
@@ -219,7 +222,7 @@ class Attempts:
         kept = self._different()
         rows = tuple(answer.row for answer in kept)
         others = [pose.pose_cam_obj for row, pose in enumerate(refined) if row not in rows]
-        for answer in kept:
+        for answer in kept if self._colorless else ():
             settled = answer.settled + self._rival_evidence(answer.pose, others)
             self._context.fits.set_settled(self._object_id, answer.pose, settled)
         return RefinedHypotheses(
@@ -235,8 +238,6 @@ class Attempts:
 
         Of poses that exclude each other, one is less likely, the likelier the others are.
         """
-        if not self._colorless:
-            return 0.0
         of = self._verifier, self._context.observation, pose
         rivals = rival_poses(*of, np.reshape(others, (-1, 4, 4)), self._colors.samples)
         scores = [self._context.fits.score_alone(self._object_id, rival) for rival in rivals]
