@@ -127,14 +127,18 @@ def test_the_ratio_is_that_of_its_definition():
     np.testing.assert_allclose(arrangement_evidence(chain(3, 2), logits, sure, True), expected)
 
 
-def rivals(*shifts):
-    """Which shifts (mm) of a box, in front of a wall that fits all alike, make a rival of it."""
+def rivals(*shifts, elsewhere=()):
+    """Which shifts (mm) of a box, in front of a wall that fits all alike, make a rival of it.
+
+    Other boxes are `elsewhere`.
+    """
     verifier = box()  # 100 mm wide in the image, 60 mm high
     wall = np.full((*SHAPE, 3), 60, np.uint8), np.full(SHAPE, 0.78, np.float32)
-    others = np.repeat(POSES[1][None], len(shifts), axis=0)
+    others, known = (np.repeat(POSES[1][None], len(each), axis=0) for each in (shifts, elsewhere))
     others[:, :3, 3] += np.reshape(shifts, (-1, 3)) / 1000.0
+    known[:, :3, 3] += np.reshape(elsewhere, (-1, 3)) / 1000.0
     samples = sample_surface(verifier.model.proxy, 256).points
-    found = rival_poses(verifier, seen_as(*wall).observation, POSES[1], others, samples)
+    found = rival_poses(verifier, seen_as(*wall).observation, POSES[1], others, known, samples)
     return [int(np.flatnonzero((others == pose).all(axis=(1, 2)))[0]) for pose in found]
 
 
@@ -153,3 +157,11 @@ def test_another_pose_on_most_of_its_pixels_is_a_rival():
 def test_only_those_of_least_cost_are_compared():
     assert rivals((45, 0, 1.0), (-45, 0, 0.5), (-45, 0, 2.0), (-45, 0, 1.5)) == [1, 0, 3]
     assert rivals() == []
+
+
+def test_what_is_elsewhere_is_no_rival():
+    """An answer beside it, or what was divided, may cover most of it in the image."""
+    along, behind = (45, 0, 0), (0, 0, 40)
+    assert rivals(along, behind, elsewhere=[(48, 0, 3)]) == [1]
+    assert rivals(along, behind, elsewhere=[(48, 0, 3), (2, 0, 42)]) == []
+    assert rivals(along, behind, elsewhere=[(100, 0, 0)]) == [0, 1]

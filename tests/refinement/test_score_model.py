@@ -57,7 +57,7 @@ def known_score(model, fit):
 
 def test_of_several_without_colours_one_that_fits_worse_than_the_surest_is_less_likely_right():
     """Beside its own logit: 30 and 15 for cost and edge, beyond .05 more than those of others."""
-    looks = [(0.10, 0.02, 0.6), (0.12, 0.05, 0.4), (0.22, 0.03, 0.5), (0.11, 0.18, 0.5)]
+    looks = [(0.10, 0.02, 0.6), (0.12, 0.05, 0.4), (0.22, 0.03, 0.5), (0.11, 0.14, 0.5)]
     fits = [PoseFit(cost, z, z, 1.0, 1.0, edge=edge) for cost, edge, z in looks]
     alone = np.array([known_score(COLORLESS_PRIOR, fit) for fit in fits])
     np.testing.assert_allclose(
@@ -79,6 +79,20 @@ def test_of_several_without_colours_one_that_fits_worse_than_the_surest_is_less_
     colored = [known_score(PRIOR, fit) for fit in fits]
     assert PRIOR.scores(fits, known_present=True) == colored
     assert PRIOR.scores([], known_present=True) == known_scores([]) == []
+
+
+def test_where_the_surest_do_not_fit_well_all_are_likelier():
+    """By what cost and edge take from their logits beyond 2.2: the image is not exact."""
+    fits = [PoseFit(0.2, z, z, 1.0, 1.0, edge=0.15) for z in (0.95, 0.9, 0.8)]
+    alone = [known_score(COLORLESS_PRIOR, fit) for fit in fits]
+    forgiven = 8.0 * 0.2 + 13.0 * 0.15 - 2.2
+    np.testing.assert_allclose(logit(known_scores(fits)), logit(alone) + forgiven)
+    worst = [replace(fit, cost=0.4, edge=0.25, plane_deviation_mm=90.0) for fit in fits]
+    worst = [replace(fit, depth_correlation=0.99, slope=0.99) for fit in worst]
+    alone = [known_score(COLORLESS_PRIOR, fit) for fit in worst]
+    np.testing.assert_allclose(logit(known_scores(worst)), logit(alone) + 2.5)
+    exact = [replace(fit, cost=0.1, edge=0.05) for fit in fits]
+    assert known_scores(exact) == [known_score(COLORLESS_PRIOR, fit) for fit in exact]
 
 
 def known_scores(fits):

@@ -68,29 +68,40 @@ def arrangement_evidence(
 
 
 def rival_poses(
-    verifier: Verifier, observation: Observation, pose_cam_obj: Pose, others: Poses, samples: Points
+    verifier: Verifier,
+    observation: Observation,
+    pose_cam_obj: Pose,
+    others: Poses,
+    elsewhere: Poses,
+    samples: Points,
 ) -> list[Pose]:
     """Other poses that explain a pose's pixels hardly worse: at most three, of least cost.
 
     They are another pose by ADD-S, of `samples` (m) of the surface, and one of both silhouettes
-    covers at least half of the other. Those that cost more by `max_improvement` are no rivals.
+    covers at least half of the other. Those that cost more by `max_improvement` are no rivals, nor
+    are those that are the same as one `elsewhere`: they exclude no pose.
     """
     model, rivals = verifier.model, list[Pose]()
     center = transform(pose_cam_obj, model.centroid[None])
-    away = transform(others, model.centroid[None])[:, 0] - center
-    others = others[np.linalg.norm(away, axis=1) < _NEAR * model.diameter]
+    others, elsewhere = _around(model, center, others), _around(model, center, elsewhere)
     limit = verifier.costs(observation, pose_cam_obj[None])[0] + verifier.settings.max_improvement
     costs, drawn = verifier.costs(observation, others), verifier.depth_of(observation, pose_cam_obj)
-    points = transform(pose_cam_obj, samples) - center
+    taken = [transform(each, samples) - center for each in (pose_cam_obj, *elsewhere)]
     for row in np.argsort(costs, kind="stable"):
         if costs[row] > limit or len(rivals) == _RIVALS:
             break
-        apart = _mean_distance(points, transform(others[row], samples) - center)
-        if apart > _ANOTHER * model.diameter and (
-            drawn.shared_with(verifier.depth_of(observation, others[row])) > _COVERED
+        points = transform(others[row], samples) - center
+        if drawn.shared_with(verifier.depth_of(observation, others[row])) > _COVERED and all(
+            _mean_distance(each, points) > _ANOTHER * model.diameter for each in taken
         ):
             rivals.append(others[row])
     return rivals
+
+
+def _around(model: ObjectModel, center: Points, poses: Poses) -> Poses:
+    """Those of the poses that are about at a place."""
+    away = transform(poses, model.centroid[None])[:, 0] - center
+    return np.asarray(poses[np.linalg.norm(away, axis=1) < _NEAR * model.diameter])
 
 
 def _mean_distance(points: Points, others: Points) -> float:

@@ -33,6 +33,8 @@ _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's b
 _NARROW = 30.0  # of the logit, times the cube of what the silhouette lacks of the broadest side (D)
 _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
 _USUAL = 0.05  # … and this (D)
+_LEVEL = -2.2  # of the logit: what cost and edge of others take from it where all is exact (D)
+_FORGIVEN = 2.5  # of the logit, at most: what they take from it beyond that
 _ENOUGH = 0.25  # an instance is compared with others whose squared scores sum up to this (D)
 _LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
@@ -82,22 +84,29 @@ class ScoreModel(Stored):
         They may be known to be there, as BOP's targets are. Colours that contradict then say more
         of the light than of another object, and a small part of it is enough. Of several without
         colours, one is less likely right that fits worse than the surest others: noise and errors
-        of the model are the same for all instances in an image.
+        of the model are the same for all instances in an image. So all are likelier where the
+        surest do not fit well: the image is less exact than those on which scores are calibrated.
         """
         if not known_present:
             return [self.score(fit) for fit in fits]
-        more = float(np.subtract(*logits_of(np.array([PRESENT_SHARE, RIGHT_SHARE]))))
-        found = np.array([self._probability(fit, more=more) for fit in fits])
+        found = np.array([self._probability(fit, more=PRESENT) for fit in fits])
         if not self.colorless or len(fits) < 2:
             return [float(score) for score in found]
-        weights = np.tile(found**2, (len(fits), 1))
+        told = PRESENT + self._compared(fits, found)
+        pairs = zip(fits, told.tolist(), strict=True)
+        return [self._probability(fit, more=more) for fit, more in pairs]
+
+    def _compared(self, fits: Sequence[PoseFit], scores: Values) -> Values:
+        """What is added to the logit of each, for how well the surest others fit."""
+        weights = np.tile(scores**2, (len(fits), 1))
         np.fill_diagonal(weights, 0.0)
         total = weights.sum(axis=1, keepdims=True)
         own = np.array([(fit.cost, fit.edge) for fit in fits])
         others = weights @ own / np.maximum(total, _ENOUGH)
-        worse = np.where(total < _ENOUGH, 0.0, np.maximum(own - others - _USUAL, 0.0)) @ _WORSE
-        pairs = zip(fits, worse, strict=True)
-        return [self._probability(fit, more=more - float(less)) for fit, less in pairs]
+        worse = np.maximum(own - others - _USUAL, 0.0) @ _WORSE
+        level = others @ np.array([self.cost, self.edge])
+        forgiven = np.clip(_LEVEL - level, 0.0, _FORGIVEN)
+        return np.where(total[:, 0] < _ENOUGH, 0.0, forgiven - worse)
 
     @property
     def colorless(self) -> bool:
@@ -135,6 +144,10 @@ def logits_of(scores: Values) -> Values:
     """Its inverse, of scores in [0, 1]."""
     scores = np.clip(scores, 1e-9, 1.0 - 1e-9)
     return np.asarray(np.log(scores / (1.0 - scores)))
+
+
+PRESENT = float(np.subtract(*logits_of(np.array([PRESENT_SHARE, RIGHT_SHARE]))))
+"""Added to the logit where the object is known to be in the image."""
 
 
 def prior_of(colored: bool) -> ScoreModel:

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from hlp.method.find import answers
+from hlp.method.find import attempts as attempts_module
 from hlp.method.find.attempts import Attempts
 from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY
@@ -154,12 +156,12 @@ def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color
 
 def test_the_likelier_another_pose_at_its_place_the_less_likely_is_an_answer(verifier, monkeypatch):
     context = frame(verifier, WHITE, WHITE, WHITE)
-    monkeypatch.setattr("hlp.method.find.attempts.rival_poses", lambda *given: [*given[3][:2]])
+    monkeypatch.setattr("hlp.method.find.answers.rival_poses", lambda *given: [*given[3][:2]])
     settled = []
     for score in (0.0, 0.2, 0.8, 1.0):  # of the likelier one of two rivals
         estimator = Scores(verifier, [0.9, 0.0, 0.0, 0.0])
         alone = {POSES[1].tobytes(): score, POSES[2].tobytes(): score / 2.0}
-        estimator.score_alone = lambda _, pose, alone=alone: alone[pose.tobytes()]
+        estimator.score_alone = lambda _, pose, alone=alone: alone.get(pose.tobytes(), 0.9)
         tried = attempts(estimator, context, 1)
         tried.add(refined(*POSES[:3]))
         assert found_places(tried) == [0]
@@ -268,3 +270,38 @@ def test_two_parts_taken_for_one_are_as_likely_as_it_was(second, parts, neighbou
     places = PAIR if parts == 2 else PAIR_WHOLE[None]
     found = sorted(pose[0, 3] for pose in likely)
     np.testing.assert_allclose(found, places[:, 0, 3], atol=1e-6)
+
+
+def test_parts_that_do_not_fit_at_all_are_one():
+    """The edge between them may be print."""
+    verifier = box((0.04, 0.1, 0.08))
+    context = frame(verifier, WHITE, (150, 150, 150), poses=PAIR)
+    estimator = Whole(verifier, context.observation, (0.1, 0.8))
+    fitting = estimator.score
+    estimator.score = lambda _, pose: 0.03 if fitting(_, pose) < 0.5 else fitting(_, pose)
+    tried = attempts(estimator, context, 2)
+    tried.add(refined(PAIR_WHOLE))
+    tried.search_neighbours()
+    (found,) = tried.poses(0.5)
+    np.testing.assert_allclose(found, PAIR_WHOLE)
+
+
+def test_parts_of_what_was_divided_are_neither_divided_nor_turned(monkeypatch):
+    """What they were taken for fits as well as before, and is no rival of them."""
+    verifier = box((0.04, 0.1, 0.08))
+    context = frame(verifier, WHITE, (150, 150, 150), poses=PAIR)
+    tried = attempts(Whole(verifier, context.observation, (0.1, 0.8)), context, 2)
+    tried.add(refined(PAIR_WHOLE))
+    looked, turned, elsewhere = [], [], []
+    within = attempts_module.poses_within
+    monkeypatch.setattr(
+        attempts_module, "poses_within", lambda *given: looked.append(given[2]) or within(*given)
+    )
+    monkeypatch.setattr(Attempts, "_turn", lambda self, answer: turned.append(answer.pose))
+    monkeypatch.setattr(answers, "rival_poses", lambda *given: elsewhere.append(given[4]) or [])
+    tried.search_instead()
+    first, second = sorted(tried.merged().chosen_poses, key=lambda pose: pose[0, 3])
+    np.testing.assert_allclose([first[0, 3], second[0, 3]], PAIR[:, 0, 3], atol=1e-6)
+    assert len(looked) == 1 and not turned
+    for others in elsewhere:  # the other part, and the whole
+        assert len(others) == 2 and (others == PAIR_WHOLE).all(axis=(1, 2)).any()

@@ -151,7 +151,8 @@ def test_templates_are_asked_for_where_votes_are_not_sure(
     looks, most, scores, matched, monkeypatch
 ):
     monkeypatch.setattr(attempts.Attempts, "_judge", lambda self: self._answers)
-    monkeypatch.setattr(attempts.Attempts, "_rival_evidence", lambda *_: 0.0)
+    monkeypatch.setattr(attempts.Attempts, "_colors", SimpleNamespace(samples=None))
+    monkeypatch.setattr(attempts.Chosen, "settle", lambda *_: None)
     for search_of_packed in ("search_neighbours", "_divide"):
         monkeypatch.setattr(attempts.Attempts, search_of_packed, lambda *_: None)
     estimator = Templates(*looks)

@@ -74,6 +74,20 @@ def test_three_parts_are_seen_within_one_that_covers_most_of_them():
     assert poses_within(verifier, plain, whole) == []
 
 
+def test_two_parts_may_be_smaller_than_what_they_were_taken_for():
+    """By up to three tenths: it then covers what is beside them, too."""
+    verifier = box((0.036, 0.1, 0.095))
+    row = rigid(np.eye(3), np.array([[-0.018, 0.0, 0.8], [0.018, 0.0, 0.8]]))
+    seen = frame(verifier, WHITE, (150, 150, 150), poses=row).observation
+    whole = PAIR_WHOLE.copy()
+    whole[:3, 3] = 0.0115, 0.0, 0.8 - (0.095 - 0.036) / 2
+    parts = poses_within(verifier, seen, whole)
+    assert len(parts) == 2
+    for true in row:
+        apart = [np.linalg.norm(found[:, :3, 3] - true[:3, 3], axis=1).max() for found in parts]
+        assert min(apart) < 0.02
+
+
 def test_where_the_model_has_a_groove_an_edge_is_its_own():
     seen = frame(box((0.04, 0.1, 0.08)), WHITE, (150, 150, 150), poses=PAIR).observation
     shapes = [

@@ -3,18 +3,18 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from hlp.arrays import Pose, Poses
 from hlp.geometry import transform
+from hlp.method.find.answers import Answer, Chosen
 from hlp.method.find.estimator import FrameContext
 from hlp.method.find.frame_fits import Unexplained
 from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
 from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
-from hlp.refinement.arrangement import arrangement_evidence, rival_poses, stand_side_by_side
+from hlp.refinement.arrangement import arrangement_evidence, stand_side_by_side
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.score_model import MIN_SCORE, logits_of
 from hlp.refinement.verification import Observation
@@ -34,27 +34,11 @@ _LIKELY = 0.3
 """Score of a pose beside which others of its kind are looked for (D)."""
 _VERY_LIKELY = 0.9
 """Score of a pose beside which they are looked for in the place of less likely ones, too (D)."""
-_LOOK = 0.3
-"""Weight of what the look tells, in the end, of answers of a known number: it chose them (D)."""
-_KNOWN = 0.2
-"""Added to the logit, in the end, of answers of a known number (D)."""
-_RIVAL = 1.5
-"""Weight of the logarithm of the probability that a rival of an answer is wrong (D)."""
+_PART_OF = 0.05
+"""If the best of several parts scores less, as a share of the one they were taken for, it is one.
 
-
-class _Answer(NamedTuple):
-    """A refined pose, its row among all of them, and whether a search chose it as an instance.
-
-    `more` is added to the logit of its score, for what it stands in the place of. `settled` is what
-    is added to it in the end, for that, its look and its neighbours.
-    """
-
-    score: float
-    row: int
-    pose: Pose
-    chosen: bool
-    more: float = 0.0
-    settled: float = 0.0
+Their edges tell more than their fit, unless they do not fit at all (D).
+"""
 
 
 class Attempts:
@@ -79,11 +63,13 @@ class Attempts:
         self._colorless = context.estimator.has_templates(object_id)
         self._help_each_other = instances > 1 and self._colorless
         self._found: list[RefinedHypotheses] = []
-        self._answers: list[_Answer] = []
+        self._answers: list[Answer] = []
         self._searched_beside: set[tuple[float, bytes]] = set()
         self._looked_within: set[bytes] = set()
+        self._divided: list[Pose] = []
+        self._parts: set[bytes] = set()  # of what was divided: they are what they are
         self._appearances: dict[int, PartAppearance] = {}
-        self._kept: list[_Answer] | None = None  # of the answers, until there are others
+        self._kept: list[Answer] | None = None  # of the answers, until there are others
 
     @cached_property
     def _colors(self) -> FrameColors:
@@ -104,7 +90,7 @@ class Attempts:
         for row in range(len(found.refined)) if many else found.instances:
             pose, chosen = found.refined[row].pose_cam_obj, row in found.instances
             if (score := self._score(pose)) >= _POSSIBLE or chosen:
-                self._answers.append(_Answer(score, start + row, pose, chosen))
+                self._answers.append(Answer(score, start + row, pose, chosen))
 
     def search_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
         """Refine coarse poses of the missing instances, in what the `known` ones leave."""
@@ -139,12 +125,18 @@ class Attempts:
 
     def _divide(self) -> None:
         """Put several parts in the place of each answer that has edges where they would touch."""
-        while new := [a for a in self._different() if a.pose.tobytes() not in self._looked_within]:
+        looked = self._looked_within  # and its parts, which are no further divided
+        while new := [a for a in self._different() if a.pose.tobytes() not in looked]:
             answer = new[0]
-            self._looked_within.add(answer.pose.tobytes())
+            looked.add(answer.pose.tobytes())
             within = poses_within(self._verifier, self._context.observation, answer.pose)
             parts = [part for poses in within if (part := self._refined_alone(poses))]
-            if parts and len(parts) == len(within):
+            found = [part.chosen_poses[0] for part in parts]
+            best = max((self._score(pose) for pose in found), default=0.0)
+            if len(parts) == len(within) > 0 and best >= _PART_OF * self._score(answer.pose):
+                self._divided.append(answer.pose)
+                self._parts |= {pose.tobytes() for pose in found}
+                looked |= self._parts
                 self._replace(answer, parts)
 
     def _refined_alone(self, poses: Poses) -> RefinedHypotheses | None:
@@ -152,7 +144,7 @@ class Attempts:
         coarse = Hypotheses(poses, np.ones(len(poses)))
         return self._estimator.refine(*self._of, coarse, 1, self._unexplained)
 
-    def _replace(self, answer: _Answer, parts: Sequence[RefinedHypotheses]) -> None:
+    def _replace(self, answer: Answer, parts: Sequence[RefinedHypotheses]) -> None:
         """Take the chosen pose of each part instead of an answer.
 
         It is as likely as that was, at least: that something of the kind is there remains true.
@@ -166,7 +158,7 @@ class Attempts:
             (pose,) = part.chosen_poses
             scores = np.array([self._score(pose), before])
             more = max(float(np.diff(logits_of(scores))[0]), 0.0)
-            self._answers.append(_Answer(float(scores.max()), row, pose, answer.chosen, more))
+            self._answers.append(Answer(float(scores.max()), row, pose, answer.chosen, more))
 
     def search_rest(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
         """Search what is left, again and again, while more than before is probably right."""
@@ -186,12 +178,12 @@ class Attempts:
             self.search_neighbours(_VERY_LIKELY)
             self.search_neighbours()
             for answer in self._different():
-                if answer.score >= _LIKELY:
+                if answer.score >= _LIKELY and answer.pose.tobytes() not in self._parts:
                     self._turn(answer)
         if self._help_each_other:
             self._divide()  # what came forward where others changed
 
-    def _turn(self, answer: _Answer) -> None:
+    def _turn(self, answer: Answer) -> None:
         found = self._refined_alone(poses_turned(self._verifier.model, answer.pose))
         if found is None:
             return
@@ -222,9 +214,10 @@ class Attempts:
         kept = self._different()
         rows = tuple(answer.row for answer in kept)
         others = [pose.pose_cam_obj for row, pose in enumerate(refined) if row not in rows]
-        for answer in kept if self._colorless else ():
-            settled = answer.settled + self._rival_evidence(answer.pose, others)
-            self._context.fits.set_settled(self._object_id, answer.pose, settled)
+        if self._colorless:
+            looks, samples = self._appearances, self._colors.samples
+            chosen = Chosen(*self._of, kept, looks, samples, self._min_score is None)
+            chosen.settle(np.reshape(others, (-1, 4, 4)), self._divided)
         return RefinedHypotheses(
             refined,
             np.concatenate([found.costs for found in self._found]),
@@ -233,17 +226,7 @@ class Attempts:
             rows,
         )
 
-    def _rival_evidence(self, pose: Pose, others: Sequence[Pose]) -> float:
-        """Log-likelihood ratio of right against wrong that other poses at the same place tell.
-
-        Of poses that exclude each other, one is less likely, the likelier the others are.
-        """
-        of = self._verifier, self._context.observation, pose
-        rivals = rival_poses(*of, np.reshape(others, (-1, 4, 4)), self._colors.samples)
-        scores = [self._context.fits.score_alone(self._object_id, rival) for rival in rivals]
-        return _RIVAL * float(np.log(max(1.0 - max(scores, default=0.0), 1e-9)))
-
-    def _different(self) -> list[_Answer]:
+    def _different(self) -> list[Answer]:
         """The most likely answers, without those on pixels of better ones.
 
         What a search chose, and is likely, goes before what is only less unlikely.
@@ -254,7 +237,7 @@ class Attempts:
             self._kept = self._apart(judged)
         return self._kept
 
-    def _judge(self) -> list[_Answer]:
+    def _judge(self) -> list[Answer]:
         """All answers, with scores that know where the surest ones stand and how they look."""
         if not self._answers:
             return []
@@ -267,15 +250,17 @@ class Attempts:
         appearances = [self._appearances[answer.row] for answer in self._answers]
         logits = logits_of(np.array([answer.score for answer in self._answers]))
         look = appearance_evidence(appearances, logits, sure, self._colors)
-        more = np.array([answer.more for answer in self._answers])
         poses, known = np.stack([a.pose for a in self._answers]), self._min_score is None
         beside = stand_side_by_side(self._verifier.model, poses)
-        more += arrangement_evidence(beside, logits + look, sure, known)
-        told = BEST_OF_MANY + look + more
-        settled = _KNOWN + _LOOK * look + more if known else told
+        neighbours = arrangement_evidence(beside, logits + look, sure, known)
+        told = zip(self._answers, look.tolist(), neighbours.tolist(), strict=True)
         return [
-            answer._replace(score=self._score(answer.pose, float(now)), settled=float(later))
-            for answer, now, later in zip(self._answers, told, settled, strict=True)
+            answer._replace(
+                score=self._score(answer.pose, BEST_OF_MANY + own + answer.more + others),
+                look=own,
+                neighbours=others,
+            )
+            for answer, own, others in told
         ]
 
     def _score(self, pose: Pose, appearance: float = BEST_OF_MANY) -> float:
@@ -287,9 +272,9 @@ class Attempts:
         seen = self._context.observation
         return Unexplained(seen, self._estimator.verifier, self._unexplained)
 
-    def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:
+    def _apart(self, answers: Sequence[Answer]) -> list[Answer]:
         """Those of the answers, the best first, that do not stand on pixels of better ones."""
-        kept: list[_Answer] = []
+        kept: list[Answer] = []
         rest = self._rest()
         for answer in answers:
             if len(kept) == self._instances:

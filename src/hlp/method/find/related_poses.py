@@ -23,6 +23,7 @@ _SIGNED_AXES = (np.array([*permutations(np.eye(3))])[:, None] * _SIGNS).reshape(
 _QUARTERS = _SIGNED_AXES[np.linalg.det(_SIGNED_AXES) > 0.0]
 """The 24 turns that map a cube onto itself; SciPy, which has them, is slow to import."""
 _MISFIT = 0.15  # of the size of several parts, by which they may differ from that of one (D)
+_SMALLER = 0.3  # of it, by which they may be smaller: what is behind them is seen beside them (D)
 _ALONG = np.linspace(-0.9, 0.9, 33)  # of half the face: print rarely reaches its border
 _BESIDE = 0.3 * np.linspace(-1.0, 1.0, 31)  # of half the face: the edge may be that far off
 _AROUND = 13  # of these lines, among which there must be no groove
@@ -99,17 +100,18 @@ def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> l
     sizes = np.abs(turns) @ front.half
     for axis in {0, 1, 2} - {front.axis}:
         across = 3 - axis - front.axis
-        counts = np.round(front.half[axis] / sizes[:, axis])
-        parts_size = np.stack([counts * sizes[:, axis], sizes[:, across]])
-        misfits = np.abs(parts_size / front.half[[axis, across], None] - 1.0)
-        fits: Flags = (counts > 1) & (misfits <= _MISFIT).all(axis=0)
-        for count in sorted({int(n) for n in counts[fits]}):
+        ratios = front.half[axis] / sizes[:, axis]
+        wide: Flags = np.abs(sizes[:, across] / front.half[across] - 1.0) <= _MISFIT
+        counts = {int(n) for n in np.concatenate([np.floor(ratios), np.ceil(ratios)])}
+        for count in sorted(counts - {0, 1}, reverse=True):  # more of them show more edges
+            longer = count / ratios - 1.0
+            fits: Flags = wide & (longer <= _MISFIT) & (longer >= -_SMALLER)
             borders = 2.0 * np.arange(1, count) / count - 1.0
             lines = (_edge_share(verifier, observation, found, front, axis, at) for at in borders)
-            if all(share >= _EDGE for share in lines):
+            if fits.any() and all(share >= _EDGE for share in lines):
                 places = np.zeros((count, 3))
                 places[:, axis] = (2.0 * np.arange(count) + 1.0) / count - 1.0
-                alike = turns[fits & (counts == count)]
+                alike = turns[fits]
                 parts = [_placed(found, front, alike, place * front.half) for place in places]
                 return parts if refinable(np.concatenate(parts), model.centroid).all() else []
     return []
