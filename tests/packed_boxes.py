@@ -18,8 +18,6 @@ PLACES = np.array([[-0.1, 0.0, 0.8], [0.0, 0.0, 0.8], [0.1, 0.0, 0.8], [0.0, -0.
 POSES = rigid(TURN, PLACES)
 WHITE, RED = (230, 230, 225), (170, 30, 30)
 QUARTER = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-WRONG = rigid(TURN @ QUARTER, PLACES[1] + [0.0, 0.0, (SIZE[0] - SIZE[2]) / 2])
-"""The second box with another of its faces in front, in the plane of the true one."""
 PAIR = rigid(np.eye(3), np.array([[-0.02, 0.0, 0.8], [0.02, 0.0, 0.8]]))
 PAIR_WHOLE = rigid(QUARTER, np.array([0.0, 0.0, 0.78]))
 """Two boxes of 4 × 10 × 8 cm side by side, and one that lies in their place."""

@@ -12,7 +12,6 @@ from hlp.refinement.appearance import (
     _difference_ratios,
     appearance_evidence,
     color_evidence,
-    likeness_evidence,
     plain_evidence,
     print_evidence,
 )
@@ -203,30 +202,3 @@ def test_sure_answers_tell_that_the_parts_are_printed():
     assert prior == pytest.approx(0.2) and prior < between < probable
     plain, improbable = told(np.array([0.1, 0.1, 0.1, 0.1, 0.7]), 4.0, sure)
     assert plain < alone and improbable < 0.05
-
-
-def test_answers_in_the_colours_of_many_others_are_likelier_and_others_less():
-    """9 for each unit of the Bhattacharyya coefficient from .88 on, from -3 to 1."""
-    rng = np.random.default_rng(2)
-    usual, other = rng.dirichlet(np.full(864, 0.02), 2)
-    shares = np.stack(
-        [usual, 0.9 * usual + 0.1 * other, usual, usual, other, 0.7 * usual + 0.3 * other]
-    )
-    logits = np.array([3.0, 2.0, 4.0, 3.0, -1.0, 0.0])
-    told = likeness_evidence(shares, logits)
-    right = 1.0 / (1.0 + np.exp(-logits))
-    for n in range(6):
-        rest = [m for m in range(6) if m != n]
-        part = np.average(shares[rest], axis=0, weights=right[rest])
-        alike = np.sqrt(part * shares[n]).sum()
-        assert told[n] == pytest.approx(np.clip(9.0 * (alike - 0.88), -3.0, 1.0), abs=1e-9)
-    assert told[0] > 0.0 and told[4] == -3.0 and told[4] < told[5] < told[1]
-
-
-def test_one_other_alone_tells_nothing_of_colours():
-    shares = np.eye(864)[[0, 0, 1]]
-    assert (likeness_evidence(shares[1:], np.array([9.0, 9.0])) == 0.0).all()
-    assert (likeness_evidence(shares[:1], np.array([9.0])) == 0.0).all()
-    first, second, other = likeness_evidence(shares, np.array([9.0, 9.0, 9.0]))
-    assert first == second and -1.5 <= other < first  # half of what three would tell
-    assert likeness_evidence(np.zeros((5, 864)), np.full(5, 9.0)) == pytest.approx(0.0)

@@ -31,10 +31,6 @@ _BLUR = 0.7  # classes: neighbours are much the same colour
 _BACKGROUND = 0.3  # weight of the image's colours, in instances: parts have other sides, too (D)
 _RAREST = 1e-5
 _COLOR = 0.7  # of the colours' log-likelihood ratio: neighbouring pixels tell the same (D)
-_USUAL = 0.88  # likeness (Bhattacharyya) of colours that tells nothing: light differs (D)
-_UNLIKE = 9.0  # of the logit, for each unit of likeness (D)
-_PAINTED = -3.0, 1.0  # of it: a part may have another paint than the others (D)
-_ENOUGH = 1.0, 3.0  # others, by the sum of their probabilities: that tell nothing, and all (D)
 _SAMPLES = 256  # of the surface, at which print is compared
 _BLURRED = 0.02  # of the diameter: poses are no more exact
 _SAME_SURFACE = 0.005  # m between a sample and what is drawn at its pixel
@@ -206,23 +202,6 @@ def color_evidence(
         ratio = np.log((part + _RAREST) / (background + _RAREST))
         evidence = _COLOR * (shares * ratio).sum(axis=1)
     return evidence
-
-
-def likeness_evidence(shares: Float[np.ndarray, "n 864"], logits: Values) -> Values:
-    """Log-likelihood ratio of how alike each answer's colours are to those of all the others.
-
-    Those of answers that were chosen: they differ in place, and nothing was chosen by it. The
-    others count by the probability of their `logits`. One other alone may be another side, in
-    another light.
-    """
-    right = probabilities(logits)
-    weights = np.where(np.eye(len(right), dtype=bool), 0.0, right[:, None])
-    others = weights.sum(axis=0)
-    part = weights.T @ shares / np.maximum(others, 1e-9)[:, None]
-    alike = np.sqrt(part * shares).sum(axis=1)  # 1: the same colours, as often
-    least, all_ = _ENOUGH
-    told = np.clip((others - least) / (all_ - least), 0.0, 1.0) * shares.any(axis=1)
-    return np.asarray(told * np.clip(_UNLIKE * (alike - _USUAL), *_PAINTED))
 
 
 def print_evidence(

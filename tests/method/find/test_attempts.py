@@ -10,7 +10,7 @@ from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.refiner import Refinement
-from packed_boxes import PAIR, PAIR_WHOLE, PLACES, POSES, RED, TURN, WHITE, WRONG, box, frame
+from packed_boxes import PAIR, PAIR_WHOLE, PLACES, POSES, RED, WHITE, box, frame
 
 
 @pytest.fixture(scope="module")
@@ -184,49 +184,6 @@ def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(ve
     assert found_places(unknown) == [0, 1]  # … unless one of them is probably right
 
 
-def is_turned_right(pose):
-    return np.allclose(np.abs(pose[:3, :3]), np.abs(TURN))
-
-
-class Turned(Scores):
-    """Refining is choosing by cost; a pose is likely that is the true one, or a half-turn of it."""
-
-    def __init__(self, verifier, observation, scores, templates=True):
-        super().__init__(verifier, [scores[0]] * 4, templates)
-        self._observation, self._wrong = observation, scores[1]
-
-    def refine(self, _, __, coarse, missing, rest, min_score=None, candidates=None):
-        costs = self._verifier.costs(self._observation, coarse.poses_cam_obj)
-        return refined(*coarse.poses_cam_obj[np.argsort(costs)])
-
-    def score(self, _, pose):
-        return super().score(_, pose) if is_turned_right(pose) else self._wrong
-
-
-@pytest.mark.parametrize(
-    ("scores", "templates", "min_score", "right"),
-    [
-        ((0.9, 0.5), True, None, True),
-        ((0.4, 0.5), True, None, False),
-        ((0.9, 0.2), True, None, False),
-        ((0.9, 0.5), False, None, False),
-        ((0.9, 0.5), True, 0.5, False),
-    ],
-    ids=["better", "score is lower", "unlikely", "coloured", "number not known"],
-)
-def test_another_face_in_front_is_taken_if_cost_and_score_are_better(
-    verifier, scores, templates, min_score, right
-):
-    context = frame(verifier, WHITE, WHITE)
-    estimator = Turned(verifier, context.observation, scores, templates)
-    tried = attempts(estimator, context, 1, min_score)
-    tried.add(refined(WRONG))
-    tried.search_instead()
-    (pose,) = tried.merged().chosen_poses
-    assert is_turned_right(pose) == right
-    np.testing.assert_allclose(pose[:3, 3], (POSES[1] if right else WRONG)[:3, 3], atol=1e-9)
-
-
 @pytest.mark.parametrize(("min_score", "right"), [(None, True), (0.5, False)])
 def test_beside_a_sure_one_another_takes_the_place_of_a_less_likely_one(verifier, min_score, right):
     context = frame(verifier, WHITE, WHITE)
@@ -245,8 +202,19 @@ def test_beside_a_sure_one_another_takes_the_place_of_a_less_likely_one(verifier
     assert any(np.isclose(place, PLACES[1, 0]) for place in places) == right
 
 
-class Whole(Turned):
-    """What looks like one lying box, and is two standing ones, is likely; those alone are not."""
+class Whole(Scores):
+    """What looks like one lying box, and is two standing ones, is likely; those alone are not.
+
+    Refining is choosing by cost.
+    """
+
+    def __init__(self, verifier, observation):
+        super().__init__(verifier, [])
+        self._observation = observation
+
+    def refine(self, _, __, coarse, missing, rest, min_score=None, candidates=None):
+        costs = self._verifier.costs(self._observation, coarse.poses_cam_obj)
+        return refined(*coarse.poses_cam_obj[np.argsort(costs)])
 
     def score(self, _, pose):
         is_pair = np.abs(PAIR[:, :3, 3] - pose[:3, 3]).max(axis=1).min() < 0.002
@@ -260,7 +228,7 @@ class Whole(Turned):
 def test_two_parts_taken_for_one_are_as_likely_as_it_was(second, parts, neighbours):
     verifier = box((0.04, 0.1, 0.08))
     context = frame(verifier, WHITE, second, poses=PAIR)
-    tried = attempts(Whole(verifier, context.observation, (0.1, 0.8)), context, 2)
+    tried = attempts(Whole(verifier, context.observation), context, 2)
     tried.add(refined(PAIR_WHOLE))
     if neighbours:
         tried.search_neighbours()
@@ -276,7 +244,7 @@ def test_parts_that_do_not_fit_at_all_are_one():
     """The edge between them may be print."""
     verifier = box((0.04, 0.1, 0.08))
     context = frame(verifier, WHITE, (150, 150, 150), poses=PAIR)
-    estimator = Whole(verifier, context.observation, (0.1, 0.8))
+    estimator = Whole(verifier, context.observation)
     fitting = estimator.score
     estimator.score = lambda _, pose: 0.03 if fitting(_, pose) < 0.5 else fitting(_, pose)
     tried = attempts(estimator, context, 2)
@@ -286,22 +254,21 @@ def test_parts_that_do_not_fit_at_all_are_one():
     np.testing.assert_allclose(found, PAIR_WHOLE)
 
 
-def test_parts_of_what_was_divided_are_neither_divided_nor_turned(monkeypatch):
+def test_parts_of_what_was_divided_are_not_divided(monkeypatch):
     """What they were taken for fits as well as before, and is no rival of them."""
     verifier = box((0.04, 0.1, 0.08))
     context = frame(verifier, WHITE, (150, 150, 150), poses=PAIR)
-    tried = attempts(Whole(verifier, context.observation, (0.1, 0.8)), context, 2)
+    tried = attempts(Whole(verifier, context.observation), context, 2)
     tried.add(refined(PAIR_WHOLE))
-    looked, turned, elsewhere = [], [], []
+    looked, elsewhere = [], []
     within = attempts_module.poses_within
     monkeypatch.setattr(
         attempts_module, "poses_within", lambda *given: looked.append(given[2]) or within(*given)
     )
-    monkeypatch.setattr(Attempts, "_turn", lambda self, answer: turned.append(answer.pose))
     monkeypatch.setattr(answers, "rival_poses", lambda *given: elsewhere.append(given[4]) or [])
     tried.search_instead()
     first, second = sorted(tried.merged().chosen_poses, key=lambda pose: pose[0, 3])
     np.testing.assert_allclose([first[0, 3], second[0, 3]], PAIR[:, 0, 3], atol=1e-6)
-    assert len(looked) == 1 and not turned
+    assert len(looked) == 1
     for others in elsewhere:  # the other part, and the whole
         assert len(others) == 2 and (others == PAIR_WHOLE).all(axis=(1, 2)).any()

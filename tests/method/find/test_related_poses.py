@@ -1,16 +1,12 @@
-"""Coarse poses that follow from an answer: beside it, turned in its place, several within it."""
-
-from dataclasses import replace
+"""Coarse poses that follow from an answer: beside it, or several within it."""
 
 import numpy as np
 import pytest
 import trimesh
 
 from hlp.geometry import rigid, transform
-from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
-from packed_boxes import PAIR, PAIR_WHOLE, POSES, WHITE, WRONG, box, frame, seen_as, verifier_of
-
-HALF_TURNS = rigid(np.array([np.diag(d) for d in ([1, 1, 1], [1, -1, -1.0])]), np.zeros(3))
+from hlp.method.find.related_poses import poses_beside, poses_within
+from packed_boxes import PAIR, PAIR_WHOLE, POSES, WHITE, box, frame, seen_as, verifier_of
 
 
 def test_neighbours_touch_and_those_in_the_air_are_left_out():
@@ -25,14 +21,6 @@ def test_neighbours_touch_and_those_in_the_air_are_left_out():
     others = poses_beside(verifier, seen, POSES[1:2], POSES[1:3]).poses_cam_obj
     assert len(others) == len(beside) - 1
     assert np.abs(others - POSES[2]).max(axis=(1, 2)).min() > 0.05
-
-
-def test_turned_poses_keep_the_plane_of_the_face_in_front():
-    model = box().model
-    turned = poses_turned(model, WRONG)
-    assert np.abs(turned - POSES[1]).max(axis=(1, 2)).min() < 1e-9
-    assert len(turned) == 23
-    assert len(poses_turned(replace(model, symmetries=HALF_TURNS), WRONG)) == 22
 
 
 def corners(verifier, pose):

@@ -1,16 +1,38 @@
-"""The answers of an object without colours, and the scores that they have once all are chosen."""
+"""What the answers of an object without colours tell of each other, and their scores in the end.
+
+Parts are often packed in rows, or stacked. A wrong answer hardly ever touches a right one, face to
+face and turned as it is; a right one does where parts are packed. Where most of a frame's parts
+stand like that, one that does not is less likely right. So is one in whose place another pose fits
+hardly worse, and one in other colours than the rest.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float
 
-from hlp.arrays import Points, Pose, Poses
+from hlp.arrays import Flags, Points, Pose, Poses, Values
+from hlp.geometry import transform
 from hlp.method.find.estimator import FrameContext
-from hlp.refinement.appearance import BEST_OF_MANY, PartAppearance, likeness_evidence
-from hlp.refinement.arrangement import rival_poses
-from hlp.refinement.score_model import PRESENT, logits_of
+from hlp.records import ObjectModel
+from hlp.refinement.appearance import BEST_OF_MANY, PartAppearance
+from hlp.refinement.score_model import PRESENT, logits_of, probabilities
+from hlp.refinement.verification import Observation, Verifier
 
+_SAME_TURN = np.radians(15.0)
+_MISFIT = 0.2  # of the part's size along each of its axes (D)
+_BY_CHANCE = 0.05  # probability that a wrong answer stands beside a right one (D)
+_MOST = 0.95  # of the share of right answers that do
+_ROUNDS = 2  # in which answers tell each other which are right
+_NEAR = 0.6  # of the diameter, between the centres of poses at one place (D)
+_ANOTHER = 0.1  # of the diameter: ADD-S from which poses are not the same
+_COVERED = 0.5  # of the smaller silhouette, by the other of two that exclude each other (D)
+_RIVALS = 3  # poses of least cost that are compared with one (D)
+_LIKENESS = 0.88  # likeness (Bhattacharyya) of colours that tells nothing: light differs (D)
+_UNLIKE = 9.0  # of the logit, for each unit of likeness (D)
+_PAINTED = -3.0, 1.0  # of it: a part may have another paint than the others (D)
+_OTHERS = 1.0, 3.0  # others, by the sum of their probabilities: that tell nothing, and all (D)
 _LOOK = 0.3
 """Weight of what the look tells, in the end, of answers of a known number: it chose them (D)."""
 _KNOWN = 0.2
@@ -80,3 +102,106 @@ class Chosen(NamedTuple):
         rivals = rival_poses(*of, others, elsewhere, self.samples)
         scores: list[float] = [self.context.fits.score_alone(self.object_id, one) for one in rivals]
         return _RIVAL * float(np.log(max(1.0 - max(scores, default=0.0), 1e-9)))
+
+
+def stand_side_by_side(model: ObjectModel, poses_cam_obj: Poses) -> Bool[np.ndarray, "n n"]:
+    """Which poses are turned alike, and one size of the part apart along one of its axes.
+
+    The size is that of its bounding box. Symmetries are no turns.
+    """
+    rotations, count = poses_cam_obj[:, :3, :3], len(poses_cam_obj)
+    equal = (rotations[:, None] @ model.symmetries[:, :3, :3]).reshape(-1, 9)
+    traces = (equal @ rotations.reshape(-1, 9).T).reshape(count, -1, count).max(axis=1)
+    alike = traces >= 1.0 + 2.0 * np.cos(_SAME_TURN)
+    centers = transform(poses_cam_obj, model.centroid[None])[:, 0]
+    apart = np.einsum("nkm,nlk->nlm", rotations, centers[None] - centers[:, None])
+    apart = np.abs(apart) / np.maximum(np.ptp(model.proxy.vertices, axis=0), 1e-6)
+    one = apart > 0.5
+    beside = (np.abs(apart - one) < _MISFIT).all(axis=-1) & (one.sum(axis=-1) == 1)
+    return np.asarray(alike & beside)
+
+
+def arrangement_evidence(
+    beside: Bool[np.ndarray, "n n"], logits: Values, sure: Flags, known: bool
+) -> Values:
+    """Log-likelihood ratio of right against wrong that each answer's neighbours tell.
+
+    `beside` says which answers stand side by side, `logits` are those of their scores. How many of
+    the right ones have a neighbour follows from the `sure` ones; none speaks for itself. Where the
+    number of instances is not `known`, wrong ones, too, may touch: an answer then tells as far as
+    it is likelier right than wrong before it has neighbours.
+    """
+    evidence = np.zeros(len(logits))
+    for _ in range(_ROUNDS if known else 1):
+        right = probabilities(logits + evidence)
+        telling = right if known else np.maximum(2.0 * right - 1.0, 0.0)
+        neighbour = np.where(beside, telling, 0.0).max(axis=1)
+        weights = np.where(sure, right, 0.0)
+        found = (weights * neighbour).sum() - weights * neighbour
+        share = (found + _BY_CHANCE) / (weights.sum() - weights + 1.0)
+        share = np.clip(share, _BY_CHANCE, _MOST)
+        if_right = neighbour * share + (1.0 - neighbour) * (1.0 - share)
+        if_wrong = neighbour * _BY_CHANCE + (1.0 - neighbour) * (1.0 - _BY_CHANCE)
+        evidence = np.log(if_right / if_wrong)
+    return evidence
+
+
+def rival_poses(
+    verifier: Verifier,
+    observation: Observation,
+    pose_cam_obj: Pose,
+    others: Poses,
+    elsewhere: Poses,
+    samples: Points,
+) -> list[Pose]:
+    """Other poses that explain a pose's pixels hardly worse: at most three, of least cost.
+
+    They are another pose by ADD-S, of `samples` (m) of the surface, and one of both silhouettes
+    covers at least half of the other. Those that cost more by `max_improvement` are no rivals, nor
+    are those that are the same as one `elsewhere`: they exclude no pose.
+    """
+    model, rivals = verifier.model, list[Pose]()
+    center = transform(pose_cam_obj, model.centroid[None])
+    others, elsewhere = _around(model, center, others), _around(model, center, elsewhere)
+    limit = verifier.costs(observation, pose_cam_obj[None])[0] + verifier.settings.max_improvement
+    costs, drawn = verifier.costs(observation, others), verifier.depth_of(observation, pose_cam_obj)
+    taken = [transform(each, samples) - center for each in (pose_cam_obj, *elsewhere)]
+    for row in np.argsort(costs, kind="stable"):
+        if costs[row] > limit or len(rivals) == _RIVALS:
+            break
+        points = transform(others[row], samples) - center
+        if drawn.shared_with(verifier.depth_of(observation, others[row])) > _COVERED and all(
+            _mean_distance(each, points) > _ANOTHER * model.diameter for each in taken
+        ):
+            rivals.append(others[row])
+    return rivals
+
+
+def _around(model: ObjectModel, center: Points, poses: Poses) -> Poses:
+    """Those of the poses that are about at a place."""
+    away = transform(poses, model.centroid[None])[:, 0] - center
+    return np.asarray(poses[np.linalg.norm(away, axis=1) < _NEAR * model.diameter])
+
+
+def _mean_distance(points: Points, others: Points) -> float:
+    """Mean distance of points near the origin to the nearest of others, by a matrix product."""
+    squares = np.square(points).sum(axis=1)[:, None] - 2.0 * points @ others.T
+    nearest = (squares + np.square(others).sum(axis=1)).min(axis=1)
+    return float(np.sqrt(np.maximum(nearest, 0.0)).mean())
+
+
+def likeness_evidence(shares: Float[np.ndarray, "n 864"], logits: Values) -> Values:
+    """Log-likelihood ratio of how alike each answer's colours are to those of all the others.
+
+    Those of answers that were chosen: they differ in place, and nothing was chosen by it. The
+    others count by the probability of their `logits`. One other alone may be another side, in
+    another light.
+    """
+    right = probabilities(logits)
+    weights = np.where(np.eye(len(right), dtype=bool), 0.0, right[:, None])
+    others = weights.sum(axis=0)
+    part = weights.T @ shares / np.maximum(others, 1e-9)[:, None]
+    alike = np.sqrt(part * shares).sum(axis=1)  # 1: the same colours, as often
+    least, all_ = _OTHERS
+    told = np.clip((others - least) / (all_ - least), 0.0, 1.0) * shares.any(axis=1)
+    return np.asarray(told * np.clip(_UNLIKE * (alike - _LIKENESS), *_PAINTED))

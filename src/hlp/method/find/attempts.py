@@ -8,13 +8,12 @@ import numpy as np
 
 from hlp.arrays import Pose, Poses
 from hlp.geometry import transform
-from hlp.method.find.answers import Answer, Chosen
+from hlp.method.find.answers import Answer, Chosen, arrangement_evidence, stand_side_by_side
 from hlp.method.find.estimator import FrameContext
 from hlp.method.find.frame_fits import Unexplained
-from hlp.method.find.related_poses import poses_beside, poses_turned, poses_within
+from hlp.method.find.related_poses import poses_beside, poses_within
 from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
-from hlp.refinement.arrangement import arrangement_evidence, stand_side_by_side
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.score_model import MIN_SCORE, logits_of
 from hlp.refinement.verification import Observation
@@ -67,7 +66,6 @@ class Attempts:
         self._searched_beside: set[tuple[float, bytes]] = set()
         self._looked_within: set[bytes] = set()
         self._divided: list[Pose] = []
-        self._parts: set[bytes] = set()  # of what was divided: they are what they are
         self._appearances: dict[int, PartAppearance] = {}
         self._kept: list[Answer] | None = None  # of the answers, until there are others
 
@@ -135,8 +133,7 @@ class Attempts:
             best = max((self._score(pose) for pose in found), default=0.0)
             if len(parts) == len(within) > 0 and best >= _PART_OF * self._score(answer.pose):
                 self._divided.append(answer.pose)
-                self._parts |= {pose.tobytes() for pose in found}
-                looked |= self._parts
+                looked |= {pose.tobytes() for pose in found}
                 self._replace(answer, parts)
 
     def _refined_alone(self, poses: Poses) -> RefinedHypotheses | None:
@@ -167,33 +164,16 @@ class Attempts:
             self.search_neighbours()
 
     def search_instead(self) -> None:
-        """Search what stands in the place of likely ones: beside sure ones, or turned.
+        """Search beside sure ones in the place of less sure ones, too.
 
-        A part that was taken for its other side, or a carton with another face in front, costs
-        little more than the right pose, and no search from there finds that: it is taken if it fits
-        better. Where the number of instances is not known, as many wrong answers as right ones
-        would gain by it.
+        Where the number of instances is not known, as many wrong answers as right ones would gain
+        by it.
         """
-        if self._colorless and self._min_score is None:
+        if self._min_score is None:
             self.search_neighbours(_VERY_LIKELY)
             self.search_neighbours()
-            for answer in self._different():
-                if answer.score >= _LIKELY and answer.pose.tobytes() not in self._parts:
-                    self._turn(answer)
         if self._help_each_other:
             self._divide()  # what came forward where others changed
-
-    def _turn(self, answer: Answer) -> None:
-        found = self._refined_alone(poses_turned(self._verifier.model, answer.pose))
-        if found is None:
-            return
-        self._kept, best = None, found.chosen_poses[0]  # scores are changed below
-        seen = self._verifier, self._context.observation
-        before, cost = self._verifier.costs(seen[1], np.stack([answer.pose, best]))
-        # Each alone is fooled more often: the score by what covers the part, the cost by noise.
-        better = cost < before and self._score(best) > self._score(answer.pose)
-        if better and not poses_within(*seen, best):  # nor back into one for several
-            self._replace(answer, [found])
 
     def poses(self, least: float) -> list[Pose]:
         """Those of at least that score, each of another instance, the most likely first."""

@@ -1,4 +1,4 @@
-"""Coarse poses that follow from an answer: beside it, turned in its place, or several within it.
+"""Coarse poses that follow from an answer: beside it, or several within it.
 
 All are those of the bounding box of the model, whose faces touch where parts are packed.
 """
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import Flags, Points, Pose, Poses
+from hlp.arrays import Flags, Point, Pose, Poses
 from hlp.geometry import project, rigid, rotation_distance, transform
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.refiner import refinable
@@ -76,18 +76,6 @@ def poses_beside(
     return Hypotheses(poses, np.ones(len(poses)))
 
 
-def poses_turned(model: ObjectModel, found: Pose) -> Poses:
-    """Coarse poses at the place of what was `found`, turned by quarters about the model's axes.
-
-    The side of its bounding box that faces the camera stays in its plane. Turns that its symmetries
-    do not tell apart are left out.
-    """
-    front = _Front.of(model, found)
-    turns = _turns(model)
-    poses = _placed(found, front, turns, np.zeros((len(turns), 3)))
-    return np.asarray(poses[refinable(poses, model.centroid)])
-
-
 def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> list[Poses]:
     """Coarse poses of each of several parts that were perhaps taken for the one that was `found`.
 
@@ -123,10 +111,10 @@ def _turns(model: ObjectModel) -> Float[np.ndarray, "n 3 3"]:
     return np.asarray(_QUARTERS[apart.min(axis=1) > _SAME_TURN])
 
 
-def _placed(found: Pose, front: _Front, turns: Float[np.ndarray, "n 3 3"], shifts: Points) -> Poses:
+def _placed(found: Pose, front: _Front, turns: Float[np.ndarray, "n 3 3"], shift: Point) -> Poses:
     """Poses turned and shifted (m) along the box's axes, their front in the plane of its front."""
+    shifts = np.tile(shift, (len(turns), 1))
     behind = front.half - np.abs(turns) @ front.half
-    shifts = np.broadcast_to(shifts, behind.shape).copy()
     shifts[:, front.axis] += front.sign * behind[:, front.axis]
     rotations = found[:3, :3] @ turns
     return rigid(rotations, transform(found, front.middle + shifts) - rotations @ front.middle)

@@ -1,4 +1,4 @@
-"""What the places of answers tell of each other: parts side by side vouch for each other."""
+"""What answers tell of each other: parts side by side, and in one colour, vouch for each other."""
 
 from dataclasses import replace
 
@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hlp.refinement.arrangement import arrangement_evidence, rival_poses, stand_side_by_side
+from hlp.method.find.answers import (
+    arrangement_evidence,
+    likeness_evidence,
+    rival_poses,
+    stand_side_by_side,
+)
 from hlp.rendering.surface import sample_surface
 from packed_boxes import POSES, box, seen_as
 from refinement_scene import SHAPE, make_model, posed
@@ -165,3 +170,30 @@ def test_what_is_elsewhere_is_no_rival():
     assert rivals(along, behind, elsewhere=[(48, 0, 3)]) == [1]
     assert rivals(along, behind, elsewhere=[(48, 0, 3), (2, 0, 42)]) == []
     assert rivals(along, behind, elsewhere=[(100, 0, 0)]) == [0, 1]
+
+
+def test_answers_in_the_colours_of_many_others_are_likelier_and_others_less():
+    """9 for each unit of the Bhattacharyya coefficient from .88 on, from -3 to 1."""
+    rng = np.random.default_rng(2)
+    usual, other = rng.dirichlet(np.full(864, 0.02), 2)
+    shares = np.stack(
+        [usual, 0.9 * usual + 0.1 * other, usual, usual, other, 0.7 * usual + 0.3 * other]
+    )
+    logits = np.array([3.0, 2.0, 4.0, 3.0, -1.0, 0.0])
+    told = likeness_evidence(shares, logits)
+    right = 1.0 / (1.0 + np.exp(-logits))
+    for n in range(6):
+        rest = [m for m in range(6) if m != n]
+        part = np.average(shares[rest], axis=0, weights=right[rest])
+        alike = np.sqrt(part * shares[n]).sum()
+        assert told[n] == pytest.approx(np.clip(9.0 * (alike - 0.88), -3.0, 1.0), abs=1e-9)
+    assert told[0] > 0.0 and told[4] == -3.0 and told[4] < told[5] < told[1]
+
+
+def test_one_other_alone_tells_nothing_of_colours():
+    shares = np.eye(864)[[0, 0, 1]]
+    assert (likeness_evidence(shares[1:], np.array([9.0, 9.0])) == 0.0).all()
+    assert (likeness_evidence(shares[:1], np.array([9.0])) == 0.0).all()
+    first, second, other = likeness_evidence(shares, np.array([9.0, 9.0, 9.0]))
+    assert first == second and -1.5 <= other < first  # half of what three would tell
+    assert likeness_evidence(np.zeros((5, 864)), np.full(5, 9.0)) == pytest.approx(0.0)
