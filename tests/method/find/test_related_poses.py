@@ -87,6 +87,22 @@ def test_where_the_model_has_a_groove_an_edge_is_its_own():
     assert poses_within(verifier_of(trimesh.creation.box((0.04, 0.1, 0.08))), seen, PAIR_WHOLE)
 
 
+@pytest.mark.parametrize(("turn", "parts"), [(0.0, 2), (3.5, 2), (-3.5, 2), (12.0, 0)])
+def test_the_edge_may_be_a_little_askew(turn, parts):
+    """As it is where one was found that is turned a little against the two (degrees)."""
+    verifier = box((0.04, 0.1, 0.08))
+    seen = frame(verifier, WHITE, (150, 150, 150), poses=PAIR).observation
+    whole = PAIR_WHOLE.copy()
+    whole[:3, :3] = rotation_matrix(turn) @ whole[:3, :3]
+    assert len(poses_within(verifier, seen, whole)) == parts
+
+
+def rotation_matrix(degrees):
+    """A turn about the camera's axis."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 @pytest.mark.parametrize("share", [0.85, 1.0])
 def test_the_edge_must_be_nearly_as_long_as_the_face(share):
     """Print rarely is."""

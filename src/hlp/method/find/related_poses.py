@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import Flags, Point, Pose, Poses
+from hlp.arrays import Flags, Point, Pose, Poses, Values
 from hlp.geometry import project, rigid, rotation_distance, transform
 from hlp.records import Hypotheses, ObjectModel
+from hlp.refinement.object_depth import ObjectDepth
 from hlp.refinement.refiner import refinable
 from hlp.refinement.verification import Observation, Verifier
 from hlp.rendering.zbuffer import DIRECTIONS
@@ -31,6 +32,8 @@ _SAME_PLACE = 0.3  # of the part's least size, between centres (D)
 _SAME_SURFACE = 0.005  # m between the face of the box and the model
 _NEAR = 1.5  # px from an edge of depth, or 1 px from one of colour
 _EDGE = 0.93  # share of a face's length: print reaches .91, clear borders of cartons 1 (D)
+_ASKEW = 0.0, -0.15, -0.1, -0.05, 0.05, 0.1, 0.15  # of half the face, at the end of an edge (D)
+_LONGER = 0.98  # the same of edges that are askew: print reaches .97 (D)
 
 
 class _Front(NamedTuple):
@@ -85,6 +88,7 @@ def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> l
     """
     model = verifier.model
     front, turns = _Front.of(model, found), _turns(model)
+    face = _Face(verifier, observation, found, front, verifier.depth_of(observation, found))
     sizes = np.abs(turns) @ front.half
     for axis in {0, 1, 2} - {front.axis}:
         across = 3 - axis - front.axis
@@ -95,8 +99,7 @@ def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> l
             longer = count / ratios - 1.0
             fits: Flags = wide & (longer <= _MISFIT) & (longer >= -_SMALLER)
             borders = 2.0 * np.arange(1, count) / count - 1.0
-            lines = (_edge_share(verifier, observation, found, front, axis, at) for at in borders)
-            if fits.any() and all(share >= _EDGE for share in lines):
+            if fits.any() and all(face.shows_edge(axis, at) for at in borders):
                 places = np.zeros((count, 3))
                 places[:, axis] = (2.0 * np.arange(count) + 1.0) / count - 1.0
                 alike = turns[fits]
@@ -120,37 +123,55 @@ def _placed(found: Pose, front: _Front, turns: Float[np.ndarray, "n 3 3"], shift
     return rigid(rotations, transform(found, front.middle + shifts) - rotations @ front.middle)
 
 
-def _edge_share(
-    verifier: Verifier, observation: Observation, found: Pose, front: _Front, axis: int, at: float
-) -> float:
-    """Share of the front's length along which the image has an edge straight across its `axis`.
+class _Face(NamedTuple):
+    """The front of a part at a pose, and where the image agrees with the part in depth."""
 
-    `at` a place between -1 and 1: the largest of those of lines beside each other. 0 where the
-    model itself is not flat, is not seen, or lies behind the camera.
-    """
-    points = np.zeros((len(_BESIDE), len(_ALONG), 3))
-    points[..., front.axis], points[..., axis] = front.sign, at + _BESIDE[:, None]
-    points[..., 3 - axis - front.axis] = _ALONG
-    points = transform(found, front.middle + points.reshape(-1, 3) * front.half)
-    if points[:, 2].min() <= 0.0:
-        return 0.0
-    pixels = project(points, observation.camera_matrix)
-    along = pixels[len(_ALONG) - 1] - pixels[0]
-    direction = round(float(np.arctan2(along[0], -along[1])) / np.pi * DIRECTIONS) % DIRECTIONS
-    edges = observation.edges_of(verifier.model)
-    edges = observation.depth_edge_distance if edges is None else edges
-    drawn = verifier.depth_of(observation, found)
-    agreeing = drawn.explains(observation.depth, verifier.tau_depth)
-    x, y = np.floor(pixels + 0.5).astype(int).T
-    row, column = y - drawn.rows.start, x - drawn.columns.start
-    seen = (row >= 0) & (column >= 0) & (row < agreeing.shape[0]) & (column < agreeing.shape[1])
-    row, column = row[seen], column[seen]
-    seen[seen] = agreeing[row, column] & (
-        np.abs(drawn.depth[row, column] - points[seen, 2]) < _SAME_SURFACE
-    )
-    near = np.zeros(len(points), dtype=bool)
-    near[seen] = edges[direction, y[seen], x[seen]] <= _NEAR
-    shares, shown = (part.reshape(len(_BESIDE), -1).mean(axis=1) for part in (near, seen))
-    # Beside a groove of the model, an edge may be its own: what lies around must be flat, too.
-    flat = cv2.blur(shown[:, None], (1, _AROUND), borderType=cv2.BORDER_REPLICATE)[:, 0] >= _EDGE
-    return float(np.where(flat, shares, 0.0).max())
+    verifier: Verifier
+    observation: Observation
+    pose: Pose
+    front: _Front
+    drawn: ObjectDepth
+
+    def shows_edge(self, axis: int, at: float) -> bool:
+        """Whether the image has an edge straight across an `axis`, `at` a place between -1 and 1.
+
+        Of a pose that is turned a little, it is askew: it must be longer then, since one of many
+        lines is more often as long as print is.
+        """
+        return any(
+            self._edge_share(axis, at + askew * _ALONG) >= (_LONGER if askew else _EDGE)
+            for askew in _ASKEW
+        )
+
+    def _edge_share(self, axis: int, at: Values) -> float:
+        """Share of the front's length along which the image has an edge.
+
+        The largest of those of lines beside each other. 0 where the model itself is not flat, is
+        not seen, or lies behind the camera.
+        """
+        observation, drawn = self.observation, self.drawn
+        points = np.zeros((len(_BESIDE), len(_ALONG), 3))
+        points[..., self.front.axis], points[..., axis] = self.front.sign, at + _BESIDE[:, None]
+        points[..., 3 - axis - self.front.axis] = _ALONG
+        points = transform(self.pose, self.front.middle + points.reshape(-1, 3) * self.front.half)
+        if points[:, 2].min() <= 0.0:
+            return 0.0
+        pixels = project(points, observation.camera_matrix)
+        along = pixels[len(_ALONG) - 1] - pixels[0]
+        direction = round(float(np.arctan2(along[0], -along[1])) / np.pi * DIRECTIONS) % DIRECTIONS
+        edges = observation.edges_of(self.verifier.model)
+        edges = observation.depth_edge_distance if edges is None else edges
+        agreeing = drawn.explains(observation.depth, self.verifier.tau_depth)
+        x, y = np.floor(pixels + 0.5).astype(int).T
+        row, column = y - drawn.rows.start, x - drawn.columns.start
+        seen = (row >= 0) & (column >= 0) & (row < agreeing.shape[0]) & (column < agreeing.shape[1])
+        row, column = row[seen], column[seen]
+        seen[seen] = agreeing[row, column] & (
+            np.abs(drawn.depth[row, column] - points[seen, 2]) < _SAME_SURFACE
+        )
+        near = np.zeros(len(points), dtype=bool)
+        near[seen] = edges[direction, y[seen], x[seen]] <= _NEAR
+        shares, shown = (part.reshape(len(_BESIDE), -1).mean(axis=1) for part in (near, seen))
+        # Beside a groove of the model, an edge may be its own: what lies around must be flat, too.
+        shown = cv2.blur(shown[:, None], (1, _AROUND), borderType=cv2.BORDER_REPLICATE)[:, 0]
+        return float(np.where(shown >= _EDGE, shares, 0.0).max())
