@@ -269,6 +269,6 @@ def test_parts_of_what_was_divided_are_not_divided(monkeypatch):
     tried.search_instead()
     first, second = sorted(tried.merged().chosen_poses, key=lambda pose: pose[0, 3])
     np.testing.assert_allclose([first[0, 3], second[0, 3]], PAIR[:, 0, 3], atol=1e-6)
-    assert len(looked) == 1
+    assert len(looked) == 1 and len(elsewhere) == 2
     for others in elsewhere:  # the other part, and the whole
         assert len(others) == 2 and (others == PAIR_WHOLE).all(axis=(1, 2)).any()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid, transform
 from hlp.method.find.related_poses import poses_beside, poses_within
@@ -93,14 +94,8 @@ def test_the_edge_may_be_a_little_askew(turn, parts):
     verifier = box((0.04, 0.1, 0.08))
     seen = frame(verifier, WHITE, (150, 150, 150), poses=PAIR).observation
     whole = PAIR_WHOLE.copy()
-    whole[:3, :3] = rotation_matrix(turn) @ whole[:3, :3]
+    whole[:3, :3] = Rotation.from_euler("z", turn, degrees=True).as_matrix() @ whole[:3, :3]
     assert len(poses_within(verifier, seen, whole)) == parts
-
-
-def rotation_matrix(degrees):
-    """A turn about the camera's axis."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize("share", [0.85, 1.0])

@@ -148,7 +148,7 @@ class Attempts:
         """
         self._kept = None
         self._answers = [other for other in self._answers if other.row != answer.row]
-        before = self._score(answer.pose, BEST_OF_MANY + answer.more)
+        before = self._score(answer.pose)
         for part in parts:
             row = sum(len(others.refined) for others in self._found) + part.best
             self._found.append(replace(part, sources=np.full_like(part.sources, -1)))

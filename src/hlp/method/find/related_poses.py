@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import Flags, Point, Pose, Poses, Values
+from hlp.arrays import Flags, Mask, Point, Pose, Poses, Values
 from hlp.geometry import project, rigid, rotation_distance, transform
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.object_depth import ObjectDepth
@@ -82,13 +82,15 @@ def poses_beside(
 def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> list[Poses]:
     """Coarse poses of each of several parts that were perhaps taken for the one that was `found`.
 
-    Parts side by side, with another of their sides in front, may be as large as one. They are told
-    from it by edges in the image, as long as the face, where they would touch and the model is
-    flat. None without those.
+    Parts side by side, with another of their sides in front, may be about as large as one. They are
+    told from it by edges in the image, as long as the face, where they would touch and the model
+    is flat. None without those.
     """
     model = verifier.model
     front, turns = _Front.of(model, found), _turns(model)
-    face = _Face(verifier, observation, found, front, verifier.depth_of(observation, found))
+    drawn = verifier.depth_of(observation, found)
+    agreeing = drawn.explains(observation.depth, verifier.tau_depth)
+    face = _Face(verifier, observation, found, front, drawn, agreeing)
     sizes = np.abs(turns) @ front.half
     for axis in {0, 1, 2} - {front.axis}:
         across = 3 - axis - front.axis
@@ -102,8 +104,7 @@ def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> l
             if fits.any() and all(face.shows_edge(axis, at) for at in borders):
                 places = np.zeros((count, 3))
                 places[:, axis] = (2.0 * np.arange(count) + 1.0) / count - 1.0
-                alike = turns[fits]
-                parts = [_placed(found, front, alike, place * front.half) for place in places]
+                parts = [_placed(found, front, turns[fits], p * front.half) for p in places]
                 return parts if refinable(np.concatenate(parts), model.centroid).all() else []
     return []
 
@@ -131,6 +132,7 @@ class _Face(NamedTuple):
     pose: Pose
     front: _Front
     drawn: ObjectDepth
+    agreeing: Mask
 
     def shows_edge(self, axis: int, at: float) -> bool:
         """Whether the image has an edge straight across an `axis`, `at` a place between -1 and 1.
@@ -146,10 +148,9 @@ class _Face(NamedTuple):
     def _edge_share(self, axis: int, at: Values) -> float:
         """Share of the front's length along which the image has an edge.
 
-        The largest of those of lines beside each other. 0 where the model itself is not flat, is
-        not seen, or lies behind the camera.
+        The largest of lines beside each other; 0 where the model is not flat, not seen or behind.
         """
-        observation, drawn = self.observation, self.drawn
+        observation, drawn, agreeing = self.observation, self.drawn, self.agreeing
         points = np.zeros((len(_BESIDE), len(_ALONG), 3))
         points[..., self.front.axis], points[..., axis] = self.front.sign, at + _BESIDE[:, None]
         points[..., 3 - axis - self.front.axis] = _ALONG
@@ -161,7 +162,6 @@ class _Face(NamedTuple):
         direction = round(float(np.arctan2(along[0], -along[1])) / np.pi * DIRECTIONS) % DIRECTIONS
         edges = observation.edges_of(self.verifier.model)
         edges = observation.depth_edge_distance if edges is None else edges
-        agreeing = drawn.explains(observation.depth, self.verifier.tau_depth)
         x, y = np.floor(pixels + 0.5).astype(int).T
         row, column = y - drawn.rows.start, x - drawn.columns.start
         seen = (row >= 0) & (column >= 0) & (row < agreeing.shape[0]) & (column < agreeing.shape[1])
