@@ -138,7 +138,8 @@ def test_the_cost_is_that_of_the_second_search(scene, verification, poses):
     together = np.stack([item.pose_cam_obj for item in result.refined])
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
     verifier = Verifier(scene.model, verification)
-    expected = verifier.competing_costs(observation, together, np.ones(4))[result.best]
+    evidence = verifier.evidence(observation, together)
+    expected = verifier.competing_costs(evidence, together, np.ones(4))[result.best]
     assert result.costs[result.best] == expected < plain.costs[plain.best]
     others = np.arange(4) != result.best
     np.testing.assert_array_equal(result.costs[others], plain.costs[others])

@@ -153,17 +153,18 @@ def test_competing_poses_pay_for_a_smaller_agreeing_area(scene, verification):
     expected = verifier.costs(observation, poses)
     expected[1] += verification.unexplained_cost * (1 - areas[1] / areas[0])
     assert areas[1] < 0.9 * areas[0] and 0 < areas[2] < 0.9 * areas[0]
-    found = verifier.competing_costs(observation, poses, np.full(3, 7.0))
-    np.testing.assert_allclose(found, np.minimum(expected, 1.0))
-    np.testing.assert_allclose(
-        verifier.competing_costs(observation, poses[:1], np.ones(1)), expected[:1]
-    )
+    found = verifier.evidence(observation, poses)
+    costs = verifier.competing_costs(found, poses, np.full(3, 7.0))
+    np.testing.assert_allclose(costs, np.minimum(expected, 1.0))
+    alone = verifier.evidence(observation, poses[:1])
+    np.testing.assert_allclose(verifier.competing_costs(alone, poses[:1], np.ones(1)), expected[:1])
 
 
 def test_poses_with_few_votes_pay_for_it(scene, verification):
     poses = np.repeat(scene.pose[None], 3, axis=0)
     verifier = Verifier(scene.model, verification)
-    found = verifier.competing_costs(seen(scene, verification), poses, np.array([5.0, 50.0, 0.0]))
+    evidence = verifier.evidence(seen(scene, verification), poses)
+    found = verifier.competing_costs(evidence, poses, np.array([5.0, 50.0, 0.0]))
     weight = verification.support_cost
     np.testing.assert_allclose(found - found[1], [weight * np.log(10), 0.0, weight * np.log(100)])
 

@@ -13,7 +13,7 @@ from jaxtyping import Int
 from hlp.arrays import Flags, Pose, Poses, Rows, Values
 from hlp.records import Hypotheses
 from hlp.refinement.pose_fit import measure_fit
-from hlp.refinement.refiner import Refinement, Refiner, refinable
+from hlp.refinement.refiner import Refinement, Refiner, refinable, refine_turned_over
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Evidence, Observation, Verifier
@@ -121,6 +121,8 @@ class InstanceSearch:
         self._seeds: list[tuple[int, int]] = []
         self._costs = np.zeros(0)
         self._instances: list[int] = []
+        self._judged: dict[bytes, tuple[float, ...]] = {}  # evidence for refined poses
+        self._free: dict[int, bool] = {}  # refined ones, until an instance takes pixels
 
     def find(self, instances: int = 1) -> RefinedHypotheses | None:
         """Refine and choose, for up to so many instances; None if nothing was chosen."""
@@ -160,6 +162,7 @@ class InstanceSearch:
             before = self.observation if self.unexplained is None else self.unexplained
             last = self._refined[self._instances[-1]].pose_cam_obj
             self.unexplained = self.verifier.without_explained(before, last)
+            self._free = {row: False for row, free in self._free.items() if not free}
         self._refine()
         added = np.full(len(self._refined) - len(self._costs), np.inf)
         self._costs = np.append(self._costs, added)
@@ -186,10 +189,9 @@ class InstanceSearch:
             candidates = min(candidates, _FURTHER)  # most such searches find none
         elif self.early_score is not None:
             candidates = min(candidates, _IF_THERE)
-        coarse_costs = self.verifier.weigh(self._evidence)
-        free = self._is_free(self._poses[self._order], self._evidence)
-        free &= ~np.isin(self._order, self._sources)
-        order, coarse_costs = self._order[free][:candidates], coarse_costs[free]
+        self._keep_coarse(~np.isin(self._order, self._sources))
+        self._keep_coarse(self._is_free(self._poses[self._order], self._evidence))
+        order, coarse_costs = self._order[:candidates], self.verifier.weigh(self._evidence)
         lowest, best = self._lowest_cost(self._refined_poses(self._free_refined()))
         for start in range(0, len(order), _BATCH):
             if coarse_costs[start] - self.verifier.settings.max_improvement > lowest:
@@ -199,6 +201,11 @@ class InstanceSearch:
             rows = order[start : start + _BATCH]
             poses = self._refine_batch(rows)
             lowest, best = min((lowest, best), self._lowest_cost(poses), key=lambda each: each[0])
+
+    def _keep_coarse(self, rows: Flags) -> None:
+        """Keep some of the coarse poses that are not refined yet, in order of cost."""
+        self._order = self._order[rows]
+        self._evidence = Evidence(*(values[rows] for values in self._evidence))
 
     def _refine_batch(self, rows: Rows) -> Poses:
         """Refine the hypotheses of these rows, but for those that are known; their poses."""
@@ -211,6 +218,8 @@ class InstanceSearch:
             self.enter("refine")
             of = self._model, self.observation, batch, batch_seed, self._spent()
             found = self.refiner.refine(*of, self._is_given_up if self.early_score else None)
+            also = self.refiner, self.verifier, self.observation, found, batch_seed, self._spent()
+            found = refine_turned_over(*also)
             self.enter("verify")
             for number, (row, refined) in enumerate(zip(new, found, strict=True)):
                 self.known[self._poses[row].tobytes()] = refined, (batch_seed, number)
@@ -239,28 +248,38 @@ class InstanceSearch:
 
     def _lowest_cost(self, poses_cam_obj: Poses) -> tuple[float, Pose | None]:
         """The lowest cost of these poses, infinite without any, and which pose has it."""
-        costs = self.verifier.costs(self.observation, poses_cam_obj)
-        if len(costs) == 0:
+        if len(poses_cam_obj) == 0:
             return np.inf, None
+        costs = self.verifier.weigh(self._evidence_for(poses_cam_obj))
         return float(costs.min()), poses_cam_obj[np.argmin(costs)]
 
     def _competing_costs(self, rows: Rows) -> Values:
         support = self._support[np.array(self._sources)[rows]]
         poses = self._refined_poses(rows)
-        return self.verifier.competing_costs(self.observation, poses, support)
+        return self.verifier.competing_costs(self._evidence_for(poses), poses, support)
 
     def _free_refined(self) -> Rows:
         """Rows of refined poses that are neither chosen nor stand on pixels of chosen ones."""
-        free = self._is_free(self._refined_poses(np.arange(len(self._refined))), None)
-        free[self._instances] = False
-        return np.flatnonzero(free)
+        new = [row for row in range(len(self._refined)) if row not in self._free]
+        if new:
+            poses = self._refined_poses(np.array(new))
+            free = self._is_free(poses, self._evidence_for(poses))
+            self._free |= dict(zip(new, free.tolist(), strict=True))
+        left = {row for row, free in self._free.items() if free} - {*self._instances}
+        return np.array(sorted(left), dtype=np.int64)
 
-    def _is_free(self, poses_cam_obj: Poses, evidence: Evidence | None) -> Flags:
+    def _is_free(self, poses_cam_obj: Poses, evidence: Evidence) -> Flags:
         if self.unexplained is None:
             return np.ones(len(poses_cam_obj), dtype=bool)
-        if evidence is None:
-            evidence = self.verifier.evidence(self.observation, poses_cam_obj)
         return self.verifier.is_free(self.unexplained, poses_cam_obj, evidence)
+
+    def _evidence_for(self, poses_cam_obj: Poses) -> Evidence:
+        """How the image agrees with refined poses, each compared with it once."""
+        keys = [pose.tobytes() for pose in poses_cam_obj]
+        if new := [row for row, key in enumerate(keys) if key not in self._judged]:
+            found = zip(*self.verifier.evidence(self.observation, poses_cam_obj[new]), strict=True)
+            self._judged |= {keys[row]: each for row, each in zip(new, found, strict=True)}
+        return Evidence(*np.array([self._judged[key] for key in keys]).T)
 
     def _refined_poses(self, rows: Rows) -> Poses:
         poses = [self._refined[row].pose_cam_obj for row in rows]

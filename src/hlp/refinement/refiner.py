@@ -1,4 +1,4 @@
-"""Interface of the refiners, and which coarse poses they accept."""
+"""Interface of the refiners, which coarse poses they accept, and what may be turned over."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ import numpy as np
 from hlp.arrays import Flags, Point, Pose, Poses
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.verification import Observation, VerificationSettings
+from hlp.refinement.verification import Observation, VerificationSettings, Verifier
 from hlp.settings import Registry, Settings
 
 
@@ -107,6 +107,35 @@ def refinable(poses_cam_obj: Poses, centroid: Point) -> Flags:
     """
     depths = poses_cam_obj[:, 2, :3] @ centroid + poses_cam_obj[:, 2, 3]
     return np.asarray(np.isfinite(poses_cam_obj).all(axis=(1, 2)) & (depths > 0.0))
+
+
+def refine_turned_over(
+    refiner: Refiner,
+    verifier: Verifier,
+    observation: Observation,
+    found: list[Refinement],
+    seed: int,
+    spent: float = 0.0,
+) -> list[Refinement]:
+    """Each of the refinements that were found, or that of the pose half a turn away.
+
+    Of those poses (`Verifier.half_turns`), the one of least verification cost is refined where it
+    costs less than what was found, and taken where it then does.
+    """
+    poses = np.stack([each.pose_cam_obj for each in found])
+    turned = poses[:, None] @ verifier.half_turns
+    if turned.shape[1] == 0:
+        return found
+    before = verifier.costs(observation, poses)
+    costs = verifier.costs(observation, turned.reshape(-1, 4, 4)).reshape(len(poses), -1)
+    rows = np.flatnonzero(costs.min(axis=1) < before)
+    start = Hypotheses(turned[rows, costs[rows].argmin(axis=1)], np.ones(len(rows)))
+    again = refiner.refine(verifier.model, observation, start, seed, spent)
+    chosen = list(found)
+    for row, other in zip(rows, again, strict=True):
+        if verifier.costs(observation, other.pose_cam_obj[None])[0] < before[row]:
+            chosen[row] = other
+    return chosen
 
 
 @REFINERS.register

@@ -20,7 +20,7 @@ from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.object_depth import ObjectDepth
-from hlp.refinement.revolution import turns_about_axis
+from hlp.refinement.turns import half_turns, turns_about_axis
 from hlp.refinement.verification_kernel import COLOR_OFFSET, SeenImages, Tolerances, sum_evidence
 from hlp.rendering.zbuffer import DIRECTIONS, prepare_mesh
 from hlp.settings import Doc, NotNegative, Positive, Settings
@@ -194,21 +194,23 @@ class Verifier:
         """Turns (n, 4, 4) after which the object looks much alike, see `turns_about_axis`."""
         return turns_about_axis(self.model)
 
+    @cached_property
+    def half_turns(self) -> Poses:
+        """Turns (n, 4, 4) after which a part without colours may look alike, see `half_turns`."""
+        return half_turns(self.model)
+
     def costs(self, observation: Observation, poses_cam_obj: Poses) -> Values:
         """Cost in [0, 1] of each pose, lower is better; comparable between poses of one object."""
         return self.weigh(self.evidence(observation, poses_cam_obj))
 
-    def competing_costs(
-        self, observation: Observation, poses_cam_obj: Poses, support: Values
-    ) -> Values:
-        """Cost in [0, 1] of each pose in competition with the others.
+    def competing_costs(self, found: Evidence, poses_cam_obj: Poses, support: Values) -> Values:
+        """Cost in [0, 1] of each pose, of which this was `found`, in competition with the others.
 
         Means over the rendered pixels favour poses in which little of the object is visible. So a
         pose pays for the share by which its agreeing area is smaller than the largest area among
         the poses at the same place (centroids less than half a diameter apart). It also pays for
         the logarithm of the largest `support` over its own, because votes are evidence, too.
         """
-        found = self.evidence(observation, poses_cam_obj)
         centers = transform(poses_cam_obj, self.model.centroid[None])[:, 0]
         distances = np.linalg.norm(centers[:, None] - centers, axis=-1)
         near = distances < self.model.diameter / 2.0

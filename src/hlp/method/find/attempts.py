@@ -87,6 +87,8 @@ class Attempts:
         many = self._help_each_other and (self._min_score is None or max(scores) >= self._right)
         for row in range(len(found.refined)) if many else found.instances:
             pose, chosen = found.refined[row].pose_cam_obj, row in found.instances
+            if found.refined[row].given_up and not chosen:
+                continue  # hardly ever likely
             if (score := self._score(pose)) >= _POSSIBLE or chosen:
                 self._answers.append(Answer(score, start + row, pose, chosen))
 

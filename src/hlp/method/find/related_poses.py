@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.arrays import Flags, Mask, Point, Pose, Poses, Values
-from hlp.geometry import project, rigid, rotation_distance, transform
+from hlp.geometry import project, rigid, transform
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.object_depth import ObjectDepth
 from hlp.refinement.refiner import refinable
+from hlp.refinement.turns import told_apart
 from hlp.refinement.verification import Observation, Verifier
 from hlp.rendering.zbuffer import DIRECTIONS
 
-_SAME_TURN = np.radians(15.0)
 _SIGNS = np.array([*product((1.0, -1.0), repeat=3)])[:, None]
 _SIGNED_AXES = (np.array([*permutations(np.eye(3))])[:, None] * _SIGNS).reshape(-1, 3, 3)
 _QUARTERS = _SIGNED_AXES[np.linalg.det(_SIGNED_AXES) > 0.0]
@@ -87,7 +87,7 @@ def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> l
     is flat. None without those.
     """
     model = verifier.model
-    front, turns = _Front.of(model, found), _turns(model)
+    front, turns = _Front.of(model, found), told_apart(_QUARTERS, model)
     drawn = verifier.depth_of(observation, found)
     agreeing = drawn.explains(observation.depth, verifier.tau_depth)
     face = _Face(verifier, observation, found, front, drawn, agreeing)
@@ -107,12 +107,6 @@ def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> l
                 parts = [_placed(found, front, turns[fits], p * front.half) for p in places]
                 return parts if refinable(np.concatenate(parts), model.centroid).all() else []
     return []
-
-
-def _turns(model: ObjectModel) -> Float[np.ndarray, "n 3 3"]:
-    """Turns by quarters that the symmetries tell apart."""
-    apart = rotation_distance(_QUARTERS[:, None], model.symmetries[None, :, :3, :3])
-    return np.asarray(_QUARTERS[apart.min(axis=1) > _SAME_TURN])
 
 
 def _placed(found: Pose, front: _Front, turns: Float[np.ndarray, "n 3 3"], shift: Point) -> Poses:

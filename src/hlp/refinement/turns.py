@@ -1,13 +1,14 @@
-"""Objects that are nearly of revolution, as a mug is: turned about their axis, little of it moves.
+"""Turns after which an object looks much alike: about its axis, or half a turn of its box.
 
-Where the handle is hidden or small, the swarm ends at any turn. So all turns are compared.
+Of a mug whose handle is hidden or small, the swarm ends at any turn; of a flat part, it ends upside
+down or end for end. It does not turn so far, so turns are compared.
 """
 
 import numpy as np
 from jaxtyping import Float
 
 from hlp.arrays import Point, Points, Poses
-from hlp.geometry import rigid, rotation_matrices, transform
+from hlp.geometry import rigid, rotation_distance, rotation_matrices, transform
 from hlp.records import ObjectModel
 from hlp.rendering.surface import sample_surface
 
@@ -17,6 +18,8 @@ _PROBES = (4, 10, 17, 23, 31)  # steps; no multiples of a part of a turn
 _WITHIN, _ALIKE = 0.04, 0.9  # nine tenths of the surface lie within 4 % of the diameter (D)
 _ROUNDS = 15
 _LEAST = 0.01  # of a normal's moment about an axis (in half diameters): noise
+_SAME_TURN = np.radians(15.0)
+_HALF_TURNS = np.stack([np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1))]) * 1.0
 
 
 def turns_about_axis(model: ObjectModel) -> Poses:
@@ -39,6 +42,25 @@ def turns_about_axis(model: ObjectModel) -> Poses:
         if np.mean(nearest <= _WITHIN * model.diameter) < _ALIKE:
             return identity
     return turns
+
+
+def half_turns(model: ObjectModel) -> Poses:
+    """Half turns (n, 4, 4) about the axes of the bounding box, but for an object's symmetries.
+
+    None of an object with colours, which tell more (`ObjectModel.near_symmetries`).
+    """
+    if model.mesh.colored:
+        return np.zeros((0, 4, 4))
+    vertices = np.asarray(model.proxy.vertices, dtype=np.float64)
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+    turns = told_apart(_HALF_TURNS, model)
+    return rigid(turns, middle - turns @ middle)
+
+
+def told_apart(turns: Float[np.ndarray, "n 3 3"], model: ObjectModel) -> Float[np.ndarray, "k 3 3"]:
+    """Those of some turns that are no symmetries of an object."""
+    apart = rotation_distance(turns[:, None], model.symmetries[None, :, :3, :3])
+    return np.asarray(turns[apart.min(axis=1) > _SAME_TURN])
 
 
 def _turns(axis: Point, through: Point) -> Poses:

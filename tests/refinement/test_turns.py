@@ -1,4 +1,4 @@
-"""Turns about the axis of what is nearly of revolution, and which of them is chosen."""
+"""Turns about the axis of what is nearly of revolution, half turns, and which is chosen."""
 
 from dataclasses import replace
 
@@ -9,7 +9,9 @@ import trimesh
 from hlp.geometry import rigid, rotation_distance, transform
 from hlp.records import ObjectModel
 from hlp.refinement.choice import choose_among_alike
-from hlp.refinement.revolution import turns_about_axis
+from hlp.refinement.pso import PsoSettings
+from hlp.refinement.refiner import Refinement, refine_turned_over
+from hlp.refinement.turns import half_turns, turns_about_axis
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_rgbd
 from hlp.rendering.shading import FRONTAL_LIGHT
@@ -69,3 +71,47 @@ def test_the_turn_with_the_handle_in_its_place_is_chosen(angle):
     np.testing.assert_allclose(found, true, atol=1e-3)
     box = Verifier(model_of(trimesh.creation.box((0.1, 0.06, 0.03))), SETTINGS)
     assert choose_among_alike(box, seen, true) is true
+
+
+def link():
+    """A flat part without colours: a bar with a block at one end, thicker on one side."""
+    bar = trimesh.creation.box((0.1, 0.03, 0.012))
+    block = trimesh.creation.box((0.03, 0.04, 0.02))
+    block.apply_translation([0.04, 0.0, 0.008])
+    model = model_of(trimesh.util.concatenate([bar, block]))
+    return replace(model, mesh=replace(model.mesh, colored=False))
+
+
+def test_half_turns_leave_the_bounding_box_where_it_is():
+    """Those that are symmetries are left out, and all of an object with colours."""
+    model = link()
+    turns = half_turns(model)
+    angles = np.degrees(rotation_distance(turns[:, :3, :3], np.eye(3)))
+    np.testing.assert_allclose(angles, 180.0, atol=1e-6)
+    vertices = model.mesh.vertices
+    box = trimesh.bounds.corners(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))
+    for turn in turns:
+        moved = transform(turn, box)
+        np.testing.assert_allclose([moved.min(0), moved.max(0)], [box.min(0), box.max(0)])
+    assert len(turns) == 3
+    symmetric = replace(model, symmetries=np.concatenate([np.eye(4)[None], turns[:1]]))
+    np.testing.assert_array_equal(half_turns(symmetric), turns[1:])
+    assert len(half_turns(model_of(mug()))) == 0
+
+
+@pytest.mark.parametrize("turned", [None, 0, 1, 2])
+def test_a_flat_part_that_was_found_turned_over_is_turned_back(turned):
+    verifier = Verifier(link(), SETTINGS)
+    tilted = trimesh.transformations.rotation_matrix(2.6, [1, 0.3, 0])[:3, :3]
+    true = rigid(tilted, np.array([0.0, 0.0, 0.5]))
+    rgb, depth = render_rgbd(verifier.mesh, true, CAMERA, SHAPE, FRONTAL_LIGHT)
+    seen = observe(rgb, np.where(depth > 0.0, depth, 0.6), CAMERA, SETTINGS)
+    start = true if turned is None else true @ verifier.half_turns[turned]
+    refiner = PsoSettings().build(threads=1)
+    found = [Refinement(start, 3)]
+    (chosen,) = refine_turned_over(refiner, verifier, seen, found, seed=1)
+    if turned is None:
+        assert chosen is found[0]
+    else:
+        assert np.degrees(rotation_distance(chosen.pose_cam_obj[:3, :3], true[:3, :3])) < 5.0
+        assert np.linalg.norm(chosen.pose_cam_obj[:3, 3] - true[:3, 3]) < 0.004
