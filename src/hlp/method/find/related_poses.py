@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from hlp.arrays import Flags, Mask, Point, Pose, Poses, Values
 from hlp.geometry import project, rigid, transform
-from hlp.records import Hypotheses, ObjectModel
+from hlp.records import Hypotheses
 from hlp.refinement.object_depth import ObjectDepth
 from hlp.refinement.refiner import refinable
 from hlp.refinement.turns import told_apart
@@ -34,27 +34,6 @@ _NEAR = 1.5  # px from an edge of depth, or 1 px from one of colour
 _EDGE = 0.93  # share of a face's length: print reaches .91, clear borders of cartons 1 (D)
 _ASKEW = 0.0, -0.15, -0.1, -0.05, 0.05, 0.1, 0.15  # of half the face, at the end of an edge (D)
 _LONGER = 0.98  # the same of edges that are askew: print reaches .97 (D)
-
-
-class _Front(NamedTuple):
-    """The bounding box of a part at a pose, and the face of it that looks to the camera.
-
-    `middle` (m, in the model), `half` its size, and the outward normal as axis and sign.
-    """
-
-    middle: Float[np.ndarray, "3"]
-    half: Float[np.ndarray, "3"]
-    axis: int
-    sign: float
-
-    @classmethod
-    def of(cls, model: ObjectModel, pose: Pose) -> "_Front":
-        vertices = np.asarray(model.proxy.vertices, dtype=np.float64)
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        middle = (low + high) / 2.0
-        towards = -pose[:3, :3].T @ transform(pose, middle[None])[0]
-        axis = int(np.argmax(np.abs(towards)))
-        return cls(middle, (high - low) / 2.0, axis, float(np.sign(towards[axis])))
 
 
 def poses_beside(
@@ -86,16 +65,13 @@ def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> l
     told from it by edges in the image, as long as the face, where they would touch and the model
     is flat. None without those.
     """
-    model = verifier.model
-    front, turns = _Front.of(model, found), told_apart(_QUARTERS, model)
-    drawn = verifier.depth_of(observation, found)
-    agreeing = drawn.explains(observation.depth, verifier.tau_depth)
-    face = _Face(verifier, observation, found, front, drawn, agreeing)
-    sizes = np.abs(turns) @ front.half
-    for axis in {0, 1, 2} - {front.axis}:
-        across = 3 - axis - front.axis
-        ratios = front.half[axis] / sizes[:, axis]
-        wide: Flags = np.abs(sizes[:, across] / front.half[across] - 1.0) <= _MISFIT
+    model, face = verifier.model, _Face.of(verifier, observation, found)
+    turns = told_apart(_QUARTERS, model)
+    sizes = np.abs(turns) @ face.half
+    for axis in {0, 1, 2} - {face.axis}:
+        across = 3 - axis - face.axis
+        ratios = face.half[axis] / sizes[:, axis]
+        wide: Flags = np.abs(sizes[:, across] / face.half[across] - 1.0) <= _MISFIT
         counts = {int(n) for n in np.concatenate([np.floor(ratios), np.ceil(ratios)])}
         for count in sorted(counts - {0, 1}, reverse=True):  # more of them show more edges
             longer = count / ratios - 1.0
@@ -104,29 +80,48 @@ def poses_within(verifier: Verifier, observation: Observation, found: Pose) -> l
             if fits.any() and all(face.shows_edge(axis, at) for at in borders):
                 places = np.zeros((count, 3))
                 places[:, axis] = (2.0 * np.arange(count) + 1.0) / count - 1.0
-                parts = [_placed(found, front, turns[fits], p * front.half) for p in places]
+                parts = [face.placed(turns[fits], p * face.half) for p in places]
                 return parts if refinable(np.concatenate(parts), model.centroid).all() else []
     return []
 
 
-def _placed(found: Pose, front: _Front, turns: Float[np.ndarray, "n 3 3"], shift: Point) -> Poses:
-    """Poses turned and shifted (m) along the box's axes, their front in the plane of its front."""
-    shifts = np.tile(shift, (len(turns), 1))
-    behind = front.half - np.abs(turns) @ front.half
-    shifts[:, front.axis] += front.sign * behind[:, front.axis]
-    rotations = found[:3, :3] @ turns
-    return rigid(rotations, transform(found, front.middle + shifts) - rotations @ front.middle)
-
-
 class _Face(NamedTuple):
-    """The front of a part at a pose, and where the image agrees with the part in depth."""
+    """The face of a part's bounding box that looks to the camera, and where the part is seen.
+
+    `middle` (m, in the model) and `half` its size are those of the box, `axis` and `sign` the
+    outward normal of the face. Where the part is `drawn`, pixels are `agreeing` in depth.
+    """
 
     verifier: Verifier
     observation: Observation
     pose: Pose
-    front: _Front
+    middle: Float[np.ndarray, "3"]
+    half: Float[np.ndarray, "3"]
+    axis: int
+    sign: float
     drawn: ObjectDepth
     agreeing: Mask
+
+    @classmethod
+    def of(cls, verifier: Verifier, observation: Observation, pose: Pose) -> "_Face":
+        vertices = np.asarray(verifier.model.proxy.vertices, dtype=np.float64)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        middle = (low + high) / 2.0
+        towards = -pose[:3, :3].T @ transform(pose, middle[None])[0]
+        axis = int(np.argmax(np.abs(towards)))
+        drawn = verifier.depth_of(observation, pose)
+        agreeing = drawn.explains(observation.depth, verifier.tau_depth)
+        box = middle, (high - low) / 2.0, axis, float(np.sign(towards[axis]))
+        return cls(verifier, observation, pose, *box, drawn, agreeing)
+
+    def placed(self, turns: Float[np.ndarray, "n 3 3"], shift: Point) -> Poses:
+        """Poses turned and shifted (m) along the box's axes, their front in the face's plane."""
+        shifts = np.tile(shift, (len(turns), 1))
+        behind = self.half - np.abs(turns) @ self.half
+        shifts[:, self.axis] += self.sign * behind[:, self.axis]
+        rotations = self.pose[:3, :3] @ turns
+        places = transform(self.pose, self.middle + shifts)
+        return rigid(rotations, places - rotations @ self.middle)
 
     def shows_edge(self, axis: int, at: float) -> bool:
         """Whether the image has an edge straight across an `axis`, `at` a place between -1 and 1.
@@ -146,9 +141,9 @@ class _Face(NamedTuple):
         """
         observation, drawn, agreeing = self.observation, self.drawn, self.agreeing
         points = np.zeros((len(_BESIDE), len(_ALONG), 3))
-        points[..., self.front.axis], points[..., axis] = self.front.sign, at + _BESIDE[:, None]
-        points[..., 3 - axis - self.front.axis] = _ALONG
-        points = transform(self.pose, self.front.middle + points.reshape(-1, 3) * self.front.half)
+        points[..., self.axis], points[..., axis] = self.sign, at + _BESIDE[:, None]
+        points[..., 3 - axis - self.axis] = _ALONG
+        points = transform(self.pose, self.middle + points.reshape(-1, 3) * self.half)
         if points[:, 2].min() <= 0.0:
             return 0.0
         pixels = project(points, observation.camera_matrix)
