@@ -76,7 +76,7 @@ class InstanceSearch:
     Hypotheses that are not finite or lie behind the camera are dropped. The rest is refined in
     order of verification cost, two at a time and at most `candidates` (None: the verifier's), until
     the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
-    lowers a cost by that much.
+    lowers a cost by that much. Flat parts that are found upside down are turned over.
     The best of those that look much like the chosen one takes its place (`choose_among_alike`).
     Then it is searched again, in a smaller box; what that finds is kept unless its cost, among the
     refined poses, is higher than before.
