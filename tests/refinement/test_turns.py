@@ -109,7 +109,7 @@ def test_a_flat_part_that_was_found_turned_over_is_turned_back(turned):
     start = true if turned is None else true @ verifier.half_turns[turned]
     refiner = PsoSettings().build(threads=1)
     found = [Refinement(start, 3)]
-    (chosen,) = refine_turned_over(refiner, verifier, seen, found, seed=1)
+    (chosen,) = refine_turned_over(refiner, verifier, seen, found, seed=1, spent=0.0)
     if turned is None:
         assert chosen is found[0]
     else:

@@ -115,7 +115,7 @@ def refine_turned_over(
     observation: Observation,
     found: list[Refinement],
     seed: int,
-    spent: float = 0.0,
+    spent: float,
 ) -> list[Refinement]:
     """Each of the refinements that were found, or that of the pose half a turn away.
 

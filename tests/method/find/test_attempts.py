@@ -1,5 +1,7 @@
 """Several parts without colours help to find each other: as neighbours, and by their colour."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -107,12 +109,20 @@ def test_where_the_number_is_not_known_some_more_are_tried_whatever_the_first_sc
 
 
 def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(verifier):
-    """One that no search chose, too."""
+    """One that no search chose, too, unless it was given up."""
     context = frame(verifier, WHITE, RED, WHITE)
     tried = attempts(Scores(verifier, [0.95, 0.05, 0.03, 0.0]), context, 2)
     tried.add(refined(POSES[0]))
     tried.add(refined(POSES[1], POSES[2]))
     assert found_places(tried) == [0, 2]
+    given_up = replace(
+        found := refined(POSES[1], POSES[2]),
+        refined=[found.refined[0], replace(found.refined[1], given_up=True)],
+    )
+    without = attempts(Scores(verifier, [0.95, 0.05, 0.03, 0.0]), context, 2)
+    without.add(refined(POSES[0]))
+    without.add(given_up)
+    assert found_places(without) == [0, 1]
     colored = attempts(Scores(verifier, [0.95, 0.2, 0.1, 0.0], templates=False), context, 2)
     colored.add(refined(POSES[0]))
     colored.add(refined(POSES[1], POSES[2]))

@@ -88,7 +88,7 @@ class Attempts:
         for row in range(len(found.refined)) if many else found.instances:
             pose, chosen = found.refined[row].pose_cam_obj, row in found.instances
             if found.refined[row].given_up and not chosen:
-                continue  # hardly ever likely
+                continue  # hardly ever scores `_POSSIBLE`, and scoring takes long
             if (score := self._score(pose)) >= _POSSIBLE or chosen:
                 self._answers.append(Answer(score, start + row, pose, chosen))
 
