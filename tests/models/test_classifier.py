@@ -26,7 +26,7 @@ def test_probabilities_are_the_softmax_of_each_window_in_whatever_company(channe
     network = trained(HolisticCNN(channels, 3, (4, 8), 16, 0.5), 64, channels)
     network.head[-1].weight.data *= 10  # so that windows differ
     sample = scaled(random_levels(256, channels, seed=9))
-    export_network(network.layers, sample, tmp_path / "classifier", levels=True)
+    export_network(network, sample, tmp_path / "classifier", levels=True)
     loaded = load_network(tmp_path / "classifier", threads=2)
     levels = random_levels(300, channels)
     found = class_probabilities(loaded, levels)

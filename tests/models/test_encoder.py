@@ -25,7 +25,7 @@ def encoder(folder, settings):
     torch.manual_seed(0)
     network = trained(PatchEncoder(settings.widths, settings.dimension), 32)
     sample = images_of(random_patches(64, seed=9), settings)
-    export_network(network.layers, sample, folder / "encoder", levels=False)
+    export_network(network, sample, folder / "encoder", levels=False)
     return settings.load(folder, 2, "cpu"), network
 
 

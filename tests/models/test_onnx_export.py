@@ -22,7 +22,7 @@ def unit_images(count, seed):
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     network, stem = trained_encoder(), tmp_path_factory.mktemp("onnx") / "encoder"
-    export_network(network.layers, unit_images(128, seed=1), stem, levels=False)
+    export_network(network, unit_images(128, seed=1), stem, levels=False)
     images = unit_images(40, seed=2)
     with torch.no_grad():
         expected = network.eval()(images).numpy()
@@ -49,7 +49,7 @@ def test_integers_come_near(exported):
 def test_the_same_network_gives_the_same_files(exported, tmp_path):
     stem, _, _ = exported
     network = trained_encoder()
-    export_network(network.layers, unit_images(128, seed=1), tmp_path / "encoder", levels=False)
+    export_network(network, unit_images(128, seed=1), tmp_path / "encoder", levels=False)
     for path in tmp_path.iterdir():
         assert path.read_bytes() == stem.with_name(path.name).read_bytes()
     assert network.training  # left as it was

@@ -7,6 +7,7 @@ feature, InfoNCE removes them.
 """
 
 import math
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ class OneCycleModule(pl.LightningModule):
     """A network in training by AdamW; the rate rises during the first share `rise` of all steps."""
 
     network: Any
-    """The network; its `layers` are applied one after the other."""
+    """The network: layers that are applied one after the other."""
 
     def __init__(self, learning_rate: float, weight_decay: float, rise: float) -> None:
         super().__init__()
@@ -64,13 +65,17 @@ def one_cycle(
     return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
 
-class HolisticCNN(nn.Module):
-    """Strided convolutions, then two dense layers: (n, c, 64, 64) in [-1, 1] → (n, classes)."""
+class HolisticCNN(nn.Sequential):
+    """Strided convolutions, then two dense layers: (n, c, 64, 64) in [-1, 1] → (n, classes).
+
+    The result are scores before the softmax.
+    """
+
+    head: nn.Sequential
 
     def __init__(
         self, channels: int, classes: int, widths: Sequence[int], hidden: int, dropout: float
     ) -> None:
-        super().__init__()
         layers: list[nn.Module] = []
         previous = channels
         for depth, width in enumerate(widths):
@@ -81,9 +86,8 @@ class HolisticCNN(nn.Module):
                 nn.ReLU(inplace=True),
             ]
             previous = width
-        self.features = nn.Sequential(*layers)
         side = classifier.RESOLUTION // 2 ** len(widths)
-        self.head = nn.Sequential(
+        head = nn.Sequential(
             nn.Flatten(),
             nn.Dropout(dropout),
             nn.Linear(previous * side * side, hidden),
@@ -91,15 +95,7 @@ class HolisticCNN(nn.Module):
             nn.Dropout(dropout),
             nn.Linear(hidden, classes),
         )
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Class scores (n, classes) before the softmax."""
-        return torch.as_tensor(self.head(self.features(images)))
-
-    @property
-    def layers(self) -> list[nn.Module]:
-        """The layers in their order."""
-        return [*self.features, *self.head]
+        super().__init__(OrderedDict(features=nn.Sequential(*layers), head=head))
 
 
 class HolisticClassifier(OneCycleModule):
@@ -130,7 +126,7 @@ def raise_background(network: HolisticCNN, odds: float) -> None:
 
     It corrects for objects that are more frequent in training than among the windows of an image.
     """
-    last = network.layers[-1]
+    last = network.head[-1]
     assert isinstance(last, nn.Linear)
     with torch.no_grad():
         last.bias[0] += math.log(odds)
@@ -153,11 +149,10 @@ def copy_weights(
             own[name].copy_(value)
 
 
-class PatchEncoder(nn.Module):
+class PatchEncoder(nn.Sequential):
     """Strided convolutions and a dense layer: (n, 4, 32, 32) in [-1, 1] → (n, dimension)."""
 
     def __init__(self, widths: Sequence[int], dimension: int) -> None:
-        super().__init__()
         layers: list[nn.Module] = []
         previous = 4
         for width in widths:
@@ -167,41 +162,29 @@ class PatchEncoder(nn.Module):
                 nn.LeakyReLU(0.1, inplace=True),
             ]
             previous = width
-        self.side = encoder.RESOLUTION // 2 ** len(widths)
-        self.convolutions = nn.Sequential(*layers)
-        self.dense = nn.Linear(previous * self.side**2, dimension)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Features (n, dimension)."""
-        return torch.as_tensor(self.dense(self.convolutions(images).flatten(1)))
-
-    @property
-    def layers(self) -> list[nn.Module]:
-        """The layers in their order."""
-        return [*self.convolutions, nn.Flatten(), self.dense]
+        side = encoder.RESOLUTION // 2 ** len(widths)
+        dense = nn.Linear(previous * side**2, dimension)
+        parts = OrderedDict(convolutions=nn.Sequential(*layers), flat=nn.Flatten(), dense=dense)
+        super().__init__(parts)
 
 
-class PatchDecoder(nn.Module):
+class PatchDecoder(nn.Sequential):
     """The mirror image of `PatchEncoder`: (n, dimension) → (n, 4, 32, 32) in [-1, 1].
 
     `widths` are the encoder's.
     """
 
     def __init__(self, widths: Sequence[int], dimension: int) -> None:
-        super().__init__()
-        self.side = encoder.RESOLUTION // 2 ** len(widths)
+        side = encoder.RESOLUTION // 2 ** len(widths)
         back = tuple(widths)[::-1]
-        self.expand = nn.Linear(dimension, back[0] * self.side**2)
+        expand = nn.Linear(dimension, back[0] * side**2)
         layers: list[nn.Module] = []
         for width, following in zip(back, (*back[1:], 4), strict=True):
             layers += [nn.ConvTranspose2d(width, following, 4, stride=2, padding=1)]
             layers += [nn.LeakyReLU(0.1, inplace=True)]
-        self.convolutions = nn.Sequential(*layers[:-1], nn.Tanh())
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Patches (n, 4, 32, 32)."""
-        start = self.expand(features).unflatten(1, (-1, self.side, self.side))
-        return torch.as_tensor(self.convolutions(start))
+        convolutions = nn.Sequential(*layers[:-1], nn.Tanh())
+        square = nn.Unflatten(1, (back[0], side, side))
+        super().__init__(OrderedDict(expand=expand, square=square, convolutions=convolutions))
 
 
 class ContrastiveEncoder(OneCycleModule):

@@ -30,9 +30,9 @@ _UNIT_STEP = 1.0 / 127.0  # of inputs in [-1, 1]
 def export_network(layers: Iterable[nn.Module], sample: Tensor, stem: Path, levels: bool) -> None:
     """Write `stem`.onnx and `stem`.int8.onnx, whose input is `images` (n, p, p, c).
 
-    `layers` are those of a trained network for images (n, c, p, p) in [-1, 1]; `sample` are such
-    images from training. With `levels`, the input is uint8 as from `WindowImages`, otherwise
-    float32 in [-1, 1]. The layers are not changed.
+    `layers` are those of a trained network for images (n, c, p, p) in [-1, 1], or sequences of
+    them; `sample` are such images from training. With `levels`, the input is uint8 as from
+    `WindowImages`, otherwise float32 in [-1, 1]. The layers are not changed.
     """
     fused = fuse(layers)
     shape = (sample.shape[2], sample.shape[1])
@@ -51,7 +51,9 @@ def export_network(layers: Iterable[nn.Module], sample: Tensor, stem: Path, leve
 def fuse(layers: Iterable[nn.Module]) -> list[nn.Module]:
     """Copies of the layers for inference: batch norm fused into convolutions, no dropout."""
     found: list[nn.Module] = []
-    for layer in layers:
+    for layer in nn.Sequential(*layers).modules():
+        if isinstance(layer, nn.Sequential):
+            continue
         copied = copy.deepcopy(layer).cpu().float().eval().requires_grad_(False)
         if isinstance(copied, nn.BatchNorm2d) and isinstance(found[-1], nn.Conv2d):
             found[-1] = fuse_conv_bn_eval(found[-1], copied)

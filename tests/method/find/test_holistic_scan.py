@@ -43,7 +43,7 @@ def loaded(network, tmp_path_factory):
     stem = tmp_path_factory.mktemp("scan") / "classifier"
     gen = torch.Generator().manual_seed(1)
     sample = torch.rand((256, 4, 64, 64), generator=gen) * 2 - 1
-    export_network(network.layers, sample, stem, levels=True)
+    export_network(network, sample, stem, levels=True)
     return load_network(stem, threads=2)
 
 

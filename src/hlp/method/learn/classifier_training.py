@@ -48,10 +48,10 @@ def train_classifier(
     prior = max(settings.classifier.prior_objects or 0, len(models))
     pool = settings.pool
     raise_background(module.network, pool.object_odds(len(models)) / pool.object_odds(prior))
-    sample, layers = calibration_images(data, module.images), module.network.layers
+    sample, network = calibration_images(data, module.images), module.network
     del data, module
     free_memory()  # trainer, loader and data refer to each other: a gigabyte for 15 objects
-    export_network(layers, sample, folder / CLASSIFIER, levels=True)
+    export_network(network, sample, folder / CLASSIFIER, levels=True)
 
 
 def training_windows(

@@ -71,7 +71,7 @@ class _Training:
     def fit(self, module: OneCycleModule, data: pl.LightningDataModule, epochs: int) -> None:
         fit(module, data, module.network, epochs, self.settings.trainer, self.folder)
         sample = calibration_images(data, module.images)
-        export_network(module.network.layers, sample, self.folder / STEM, levels=False)
+        export_network(module.network, sample, self.folder / STEM, levels=False)
 
     def _pairs(self, with_color: bool) -> PairPool:
         settings, pools = self.settings, []
