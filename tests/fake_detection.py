@@ -42,9 +42,6 @@ class CountedFrames:
     def __init__(self) -> None:
         self.loads: list[str] = []
 
-    def __len__(self) -> int:
-        return len(self.keys)
-
     def identity(self) -> str:
         return "frames"
 

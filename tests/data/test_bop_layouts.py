@@ -15,7 +15,7 @@ def test_a_set_is_read_in_its_own_layout(name, tmp_path):
     private = not next(iter(layout.splits.values()))
     data = BopSettings(root=str(root), split="test").build()
     frames = [data.frames.load(key) for key in data.frames.keys[:-1]]
-    assert len(data.frames) == 3 and len(data.models) == 2
+    assert len(data.frames.keys) == 3 and len(data.models) == 2
     with pytest.raises(DataError, match="no depth at any pixel"):
         data.frames.load(data.frames.keys[-1])
     colored = next(iter(layout.models.values())) is not None and not layout.bin  # parts are grey
@@ -38,9 +38,9 @@ def test_detection_looks_for_all_objects_in_all_images(tmp_path):
     listed = tmp_path / "test_targets_bop19.json"
     listed.write_text('[{"scene_id": 1, "im_id": 1, "obj_id": 2, "inst_count": 1}]')
     known = BopSettings(root=str(tmp_path)).build()
-    assert len(known.frames) == 1 and known.target_ids == (2,)
+    assert len(known.frames.keys) == 1 and known.target_ids == (2,)
     data = BopSettings(root=str(tmp_path), search="all").build()
-    assert len(data.frames) == 3 and data.target_ids == tuple(data.models) and data.search_all
+    assert len(data.frames.keys) == 3 and data.target_ids == tuple(data.models) and data.search_all
     frame = data.frames.load(data.frames.keys[0])
     assert set(data.instances_to_find(frame)) == set(data.models)
 

@@ -83,7 +83,7 @@ def test_targets_can_be_restricted_to_visible_ones(root, listed):
         (6, 0.7),
     ]
     (root / "test" / "000006" / "scene_gt_info.json").unlink()  # then nothing is known: all count
-    assert len(BopSettings(root=str(root), min_visible=0.3).build().frames) == 2
+    assert len(BopSettings(root=str(root), min_visible=0.3).build().frames.keys) == 2
 
 
 def test_the_first_test_folder_with_poses_is_taken(root):
@@ -95,8 +95,8 @@ def test_the_first_test_folder_with_poses_is_taken(root):
     shutil.rmtree(root / "test_primesense")
     assert BopSettings(root=str(root)).build().frames.keys[0].startswith("000006")
     write_targets(root / "test_targets_bop19.json", [(6, 0, 1, 1)])  # not that of val
-    assert len(BopSettings(root=str(root)).build().frames) == 2
-    assert len(BopSettings(root=str(root), split="test_kinect").build().frames) == 1
+    assert len(BopSettings(root=str(root)).build().frames.keys) == 2
+    assert len(BopSettings(root=str(root), split="test_kinect").build().frames.keys) == 1
 
 
 def test_bops_errors_are_measured_on_models_eval(root):
@@ -152,7 +152,7 @@ def test_the_development_sets_are_read_by_their_folders(
     shared_data, name, frames, targets, objects
 ):
     dataset = BopSettings(root=str(shared_data / name)).build()
-    assert len(dataset.frames) == frames
+    assert len(dataset.frames.keys) == frames
     counts = dataset.frames.targets.values()
     assert sum(sum(found.values()) for found in counts) == targets
     assert len(dataset.models) == objects

@@ -94,7 +94,7 @@ def test_absent_files_are_named(root):
     with pytest.raises(FileNotFoundError, match=r"depth0\.dpt"):
         LinemodFrames(root, IDS, K).load("000001_000000")
     with pytest.raises(FileNotFoundError, match="duck"):
-        len(LinemodFrames(root, {"duck": 9}, K))
+        _ = LinemodFrames(root, {"duck": 9}, K).keys
     with pytest.raises(KeyError, match="000001_000007"):
         LinemodFrames(root, IDS, K).load("000001_000007")
     _write_dpt(root / "ape/data/depth2.dpt", np.zeros((60, 80)))

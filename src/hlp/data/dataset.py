@@ -40,9 +40,6 @@ class FrameSource(Protocol):
     def identity(self) -> str:
         """Hash of all content that the frames are made from."""
 
-    def __len__(self) -> int:
-        """Number of frames."""
-
 
 def annotated_mask(source: FrameSource, frame: Frame, target: Target) -> Mask | None:
     """The data set's own mask of the pixels that show a target; None where it has none."""

@@ -71,9 +71,6 @@ class FileFrames(ABC):
     def _stated(self, key: str) -> StatedFrame:
         """What the text files state. Raises MissingFileError, and DataError naming a broken one."""
 
-    def __len__(self) -> int:
-        return len(self._entries)
-
     def load(self, key: str) -> Frame:
         """Decode one frame with its targets.
 

@@ -25,7 +25,6 @@ from hlp.geometry import inverse, project, transform
 from hlp.records import Frame, ObjectModel, Target, frame_key
 from hlp.rendering.rasterizer import render_depth, render_scene
 from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
-from hlp.rendering.shading import Light
 
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
@@ -58,7 +57,6 @@ class Scene:
 
     items: tuple[Item, ...]
     pose_cam_world: Pose
-    light: Light
     rgb: Rgb
     depth: Image
     index: Int[np.ndarray, "h w"]
@@ -90,9 +88,6 @@ class SyntheticScenes:
         """`Frame.key` of the frames, in order."""
         return tuple(self._numbers)
 
-    def __len__(self) -> int:
-        return len(self._numbers)
-
     def identity(self) -> str:
         """Hash of the settings, `targets`, and the source of this generator."""
         made_by = source_digest(type(self).__module__)
@@ -121,7 +116,8 @@ class SyntheticScenes:
 
     def _render(self, key: str) -> Scene:
         if key not in self._numbers:
-            raise KeyError(f"no synthetic frame {key!r}: there are {len(self)}, named as in .keys")
+            count = len(self._numbers)
+            raise KeyError(f"no synthetic frame {key!r}: there are {count}, named as in .keys")
         rng = self._rng(self._numbers[key], "layout")
         settings = self.settings
         azimuth = rng.uniform(0.0, 2 * np.pi)
@@ -142,7 +138,7 @@ class SyntheticScenes:
         # The surfaces are behind all items: pixels without an item show a surface or nothing.
         empty = index < 0
         rgb[empty], depth[empty] = back_rgb[empty], back_depth[empty]
-        return Scene(tuple(items), pose_cam_world, light, rgb, depth, index)
+        return Scene(tuple(items), pose_cam_world, rgb, depth, index)
 
     def visible_mask(self, frame: Frame, target: Target) -> Mask:
         """Pixels that show one of the frame's targets, with or without sensor depth.
