@@ -26,6 +26,7 @@ from hlp.objects.shapes import (
     tube,
 )
 from hlp.records import Mesh, ObjectModel
+from hlp.rendering.views import turns_in_plane
 
 PROXY_FACES = 2000
 BOWL_STEPS = 180
@@ -183,12 +184,7 @@ def _lamp() -> Mesh:
 
 def turns_about_z(steps: int) -> Poses:
     """Rotations (n, 4, 4) about z by multiples of 2π / `steps`, the identity first."""
-    angle = np.arange(steps) * (2 * np.pi / steps)
-    turns = np.tile(np.eye(3), (steps, 1, 1))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angle)
-    turns[:, 1, 0] = np.sin(angle)
-    turns[:, 0, 1] = -np.sin(angle)
-    return rigid(turns, np.zeros((steps, 3)))
+    return rigid(turns_in_plane(np.arange(steps) * (2 * np.pi / steps)), np.zeros(3))
 
 
 def shape_model(object_id: int, name: str, mesh: Mesh) -> ObjectModel:
