@@ -31,10 +31,9 @@ class Network:
     def __init__(self, path: Path, threads: int, device: str = "cpu") -> None:
         self._path, self._threads, self._device = path, threads, device
         self._content = path.read_bytes()  # later the file may be another one
-        self._session = self._open_session(threads)
-        self._session_of_one_thread: InferenceSession | None = None
+        self._sessions = {threads: self._open_session(threads)}
         self._opening = Lock()
-        self.outputs = int(self._session.get_outputs()[0].shape[1])
+        self.outputs = int(self._sessions[threads].get_outputs()[0].shape[1])
         """Numbers per image, d."""
 
     def _session_here(self) -> "InferenceSession":
@@ -42,12 +41,12 @@ class Network:
 
         Several threads may ask for it at once: one opens it, the others wait.
         """
-        if self._device != "cpu" or threads_here(self._threads) == self._threads:
-            return self._session
+        shares = self._device == "cpu" and threads_here(self._threads) != self._threads
+        threads = 1 if shares else self._threads
         with self._opening:
-            if self._session_of_one_thread is None:
-                self._session_of_one_thread = self._open_session(1)
-        return self._session_of_one_thread
+            if threads not in self._sessions:
+                self._sessions[threads] = self._open_session(threads)
+            return self._sessions[threads]
 
     def _open_session(self, threads: int) -> "InferenceSession":
         import onnxruntime
