@@ -141,7 +141,7 @@ def test_a_wrong_camera_or_unit_is_said_of_all_frames(root):
 def test_missing_parts_are_named(root):
     (root / "annotated_poses" / "0000002.txt").unlink()
     with pytest.raises(DataError, match="has 3 images and 2 poses"):
-        len(YcbineoatFrames(root))
+        _ = YcbineoatFrames(root).keys
     (root / "depth" / f"{STAMPS[0]}.png").unlink()
     (root / "annotated_poses" / "0000002.txt").write_text("x y")
     with pytest.raises(MissingFileError, match=STAMPS[0]):
@@ -149,4 +149,4 @@ def test_missing_parts_are_named(root):
     for path in (root / "rgb").iterdir():
         path.unlink()
     with pytest.raises(MissingFileError, match="no image in"):
-        len(YcbineoatFrames(root))
+        _ = YcbineoatFrames(root).keys
