@@ -11,7 +11,7 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 from torch import Tensor, distributed
-from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data import DataLoader, Sampler, StackDataset
 
 Batch = dict[str, Tensor]
 
@@ -32,7 +32,9 @@ class PoolDataModule(pl.LightningDataModule):
         """Batches in an order that depends on seed and epoch only."""
         rows = len(next(iter(self.pool.values())))
         sampler = _EpochBatches(rows, self.batch_size, self.seed)
-        return DataLoader(_PoolDataset(self.pool), sampler=sampler, batch_size=None)
+        # An item is a whole batch, gathered by its rows: tensors take several, too.
+        batches = StackDataset(**self.pool)  # type: ignore[arg-type]
+        return DataLoader(batches, sampler=sampler, batch_size=None)
 
     @property
     def batch_number(self) -> int:
@@ -41,16 +43,6 @@ class PoolDataModule(pl.LightningDataModule):
         if trainer is None:
             return 0
         return trainer.global_step * trainer.world_size + trainer.global_rank
-
-
-class _PoolDataset(Dataset[Batch]):
-    """An item is a whole batch, gathered by its rows."""
-
-    def __init__(self, pool: Batch) -> None:
-        self.pool = pool
-
-    def __getitem__(self, rows: Tensor) -> Batch:
-        return {name: values[rows] for name, values in self.pool.items()}
 
 
 class _EpochBatches(Sampler[Tensor]):
