@@ -51,17 +51,15 @@ class PcaSettings(Settings):
         return PcaEncoder(stored["mean"], stored["components"], self.cells)
 
 
+@dataclass(frozen=True, eq=False)
 class PcaEncoder:
     """Projection of averaged normals onto their principal components."""
 
-    sees_color = False
+    mean: Float[np.ndarray, "f"]
+    components: Float[np.ndarray, "d f"]
+    cells: int
 
-    def __init__(
-        self, mean: Float[np.ndarray, "f"], components: Float[np.ndarray, "d f"], cells: int
-    ) -> None:
-        self.mean = mean
-        self.components = components
-        self.cells = cells
+    sees_color = False
 
     def encode(self, patches: LocalPatches) -> Features:
         """Features (n, d) float32 of n patches."""
@@ -80,9 +78,8 @@ def fit_pca(depth: DepthPatches, valid: MaskPatches, settings: PcaSettings) -> P
     mean = flat.mean(axis=0)
     covariance = np.cov((flat - mean).T)
     _, vectors = np.linalg.eigh(covariance)
-    return PcaEncoder(
-        mean, vectors[:, ::-1][:, : settings.dimension].T.astype(np.float32), settings.cells
-    )
+    components = vectors[:, ::-1][:, : settings.dimension].T.astype(np.float32)
+    return PcaEncoder(mean, components, settings.cells)
 
 
 def _averaged_normals(
