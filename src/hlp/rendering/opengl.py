@@ -10,6 +10,7 @@ import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -51,7 +52,6 @@ class _Context:
         return self.problem
 
 
-_contexts: list[_Context] = []  # at most one; a list, so that it is never rebound
 _starting = threading.Lock()
 
 
@@ -75,25 +75,24 @@ def render_rgbd(
     A mesh that is not the last one is uploaded: draw all poses of one before the next.
     Raises RuntimeError if OpenGL cannot run.
     """
-    draw, problem = _context().draw, opengl_problem()
-    if draw is None or problem is not None:
-        raise RuntimeError(problem)
+    context = _context()
+    if context.draw is None or context.problem_here is not None:
+        raise RuntimeError(context.problem_here)
     # With a tight depth range the 24-bit buffer resolves far less than a micrometre.
     z = mesh.vertices @ pose_cam_obj[2, :3] + pose_cam_obj[2, 3]
     margin = 1e-3 * float(np.ptp(z)) + 1e-4
     near, far = max(float(z.min()) - margin, _NEAR), float(z.max()) + margin
     if far <= near:  # the whole mesh is behind the camera
         return np.zeros((*shape, 3), dtype=np.uint8), np.zeros(shape, dtype=np.float32)
-    return draw(mesh, pose_cam_obj, camera_matrix, shape, light, (near, far))
+    return context.draw(mesh, pose_cam_obj, camera_matrix, shape, light, (near, far))
 
 
 def _context() -> _Context:
-    with _starting:
-        if not _contexts:
-            _contexts.append(_start())
-        return _contexts[0]
+    with _starting:  # one thread starts it, others wait
+        return _start()
 
 
+@cache
 def _start() -> _Context:
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")  # read by PyOpenGL when it is imported
     # PyOpenGL logs missing optional libraries as errors.
