@@ -4,6 +4,7 @@ Three ways: every other window of the grid, windows on large planes such as a ta
 for objects of nearly equal size. The reference, `region.scan: exact`, classifies all windows.
 """
 
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -196,11 +197,8 @@ def first_region(
         return float(np.count_nonzero(cells)) * _COARSE**2
 
     # The area grows with the number of squares, so that it can be bisected.
-    least, most = 1, len(order)
-    while least < most:
-        middle = (least + most + 1) // 2
-        least, most = (middle, most) if covered(middle) <= largest else (least, middle - 1)
-    mask = union_of_squares(centers[:least], half_sides[:least], region.mask.shape)
+    count = bisect_right(range(len(order) + 1), largest, lo=2, key=covered) - 1
+    mask = union_of_squares(centers[:count], half_sides[:count], region.mask.shape)
     return replace(region, mask=mask & region.mask)
 
 
