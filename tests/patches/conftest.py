@@ -19,7 +19,7 @@ def model():
 
 @pytest.fixture(scope="session")
 def views(model):
-    return render_views(model, SETTINGS, seed=1, progress=False)
+    return render_views(model, SETTINGS, seed=1)
 
 
 @pytest.fixture(scope="session")

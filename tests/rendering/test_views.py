@@ -48,7 +48,7 @@ def cone(scale=1.0):
 
 def test_poses_put_the_centroid_on_the_axis_and_cover_the_viewpoints():
     model = cone()
-    rendered = render_views(model, SETTINGS, seed=4, progress=False)
+    rendered = render_views(model, SETTINGS, seed=4)
     assert len(rendered) == 18 and rendered.object_id == 7
     centroid = transform(rendered.poses_cam_obj, model.centroid[None])[:, 0]
     np.testing.assert_allclose(centroid, [[0.0, 0.0, 0.8]] * 18, atol=1e-12)
@@ -63,7 +63,7 @@ def test_poses_put_the_centroid_on_the_axis_and_cover_the_viewpoints():
 
 def test_pictures_are_of_the_stated_pose_and_the_tip_is_up():
     model = cone()
-    rendered = render_views(model, SETTINGS, seed=0, progress=False)
+    rendered = render_views(model, SETTINGS, seed=0)
     assert rendered.rgb.dtype == np.uint8 and rendered.depth.dtype == np.float32
     for rgb, depth, pose in zip(rendered.rgb, rendered.depth, rendered.poses_cam_obj, strict=True):
         seen = depth > 0
@@ -82,7 +82,7 @@ def test_pictures_are_of_the_stated_pose_and_the_tip_is_up():
 @pytest.mark.parametrize("scale", [0.5, 2.0, 5.0])
 def test_the_object_always_fits(scale):
     model = cone(scale)
-    rendered = render_views(model, SETTINGS, seed=0, progress=False)
+    rendered = render_views(model, SETTINGS, seed=0)
     for border in (np.s_[:, 0], np.s_[:, -1], np.s_[:, :, 0], np.s_[:, :, -1]):
         assert not rendered.depth[border].any()
     assert rendered.camera_matrix[0, 0] <= SETTINGS.focal_px
@@ -97,18 +97,18 @@ def test_light_differs_from_view_to_view():
     one_pose = dataclasses.replace(
         SETTINGS, viewpoints=1, in_plane_min_deg=0.0, in_plane_max_deg=0.0, in_plane_steps=4
     )
-    rendered = render_views(cone(), one_pose, seed=0, progress=False)
+    rendered = render_views(cone(), one_pose, seed=0)
     for other in range(1, 4):
         np.testing.assert_array_equal(rendered.depth[0], rendered.depth[other])
         assert (rendered.rgb[0] != rendered.rgb[other]).any()
 
 
 def test_threads_change_nothing_and_the_seed_does():
-    alone = render_views(cone(), SETTINGS, seed=0, progress=False)
-    shared = render_views(cone(), SETTINGS, seed=0, progress=False, threads=3)
+    alone = render_views(cone(), SETTINGS, seed=0)
+    shared = render_views(cone(), SETTINGS, seed=0, threads=3)
     np.testing.assert_array_equal(alone.rgb, shared.rgb)
     np.testing.assert_array_equal(alone.depth, shared.depth)
-    other = render_views(cone(), SETTINGS, seed=1, progress=False, threads=3)
+    other = render_views(cone(), SETTINGS, seed=1, threads=3)
     assert not np.allclose(alone.poses_cam_obj, other.poses_cam_obj)
 
 
@@ -116,17 +116,17 @@ def test_pyrender_gives_the_same_views():
     problem = opengl.opengl_problem()
     if problem is not None:
         pytest.skip(problem)
-    by_numba = render_views(cone(), SETTINGS, seed=0, progress=False)
+    by_numba = render_views(cone(), SETTINGS, seed=0)
     # More threads than one must do no harm: OpenGL stays in this one.
     settings = dataclasses.replace(SETTINGS, name="pyrender")
-    by_opengl = render_views(cone(), settings, seed=0, progress=False, threads=2)
+    by_opengl = render_views(cone(), settings, seed=0, threads=2)
     assert np.mean(np.abs(by_numba.depth - by_opengl.depth) < 1e-5) >= 0.999
     assert np.mean(np.abs(by_numba.rgb.astype(int) - by_opengl.rgb) <= 1) >= 0.999
 
 
 def test_sphere_coverage_looks_from_below_too():
     settings = dataclasses.replace(SETTINGS, coverage="sphere")
-    poses = render_views(cone(), settings, seed=0, progress=False).poses_cam_obj
+    poses = render_views(cone(), settings, seed=0).poses_cam_obj
     assert (poses[:, 2, 2] > 0.3).any() and (poses[:, 2, 2] < -0.3).any()
 
 
@@ -138,12 +138,12 @@ def test_a_range_of_angles_that_is_none_is_refused():
 def test_a_camera_inside_the_object_is_refused():
     settings = dataclasses.replace(SETTINGS, distance_mm=30.0)
     with pytest.raises(ValueError, match=r"rendering\.distance_mm.*thing"):
-        render_views(cone(), settings, seed=0, progress=False)
+        render_views(cone(), settings, seed=0)
 
 
 @pytest.fixture
 def few_views():
-    return render_views(cone(), SETTINGS, seed=0, progress=False)
+    return render_views(cone(), SETTINGS, seed=0)
 
 
 def test_files_bring_the_views_back(tmp_path, few_views):

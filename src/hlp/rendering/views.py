@@ -173,9 +173,7 @@ class ViewsSettings(Settings):
             raise SettingsError("in_plane_max_deg", problem + str(self.in_plane_min_deg))
 
 
-def render_views(
-    model: ObjectModel, settings: ViewsSettings, seed: int, progress: bool = True, threads: int = 1
-) -> Views:
+def render_views(model: ObjectModel, settings: ViewsSettings, seed: int, threads: int = 1) -> Views:
     """Views of the full mesh, viewpoint-major, each under a different random light.
 
     The centroid lies on the optical axis at `distance_mm`, the principal point is the crop's
@@ -192,7 +190,7 @@ def render_views(
     depth = np.zeros((len(poses), *shape), dtype=np.float32)
     by_opengl = settings.name == "pyrender"
     render = opengl.render_rgbd if by_opengl else rasterizer.render_rgbd
-    bar = Progress(None, f"views of {model.name}", len(poses), unit="view", bar=progress)
+    bar = Progress(None, f"views of {model.name}", len(poses), unit="view")
 
     def draw(index: int) -> None:
         rgb[index], depth[index] = render(

@@ -37,7 +37,7 @@ def model():
 @pytest.fixture(scope="module")
 def views(model):
     settings = ViewsSettings("numba", 12, "hemisphere", -10.0, 10.0, 2, 700.0, 300.0, 72)
-    return render_views(model, settings, seed=1, progress=False)
+    return render_views(model, settings, seed=1)
 
 
 @pytest.fixture(scope="module")
