@@ -6,6 +6,7 @@ gradient of the whole batch. It is not for a contrastive loss, whose negatives c
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytorch_lightning as pl
@@ -32,8 +33,8 @@ class PoolDataModule(pl.LightningDataModule):
         """Batches in an order that depends on seed and epoch only."""
         rows = len(next(iter(self.pool.values())))
         sampler = _EpochBatches(rows, self.batch_size, self.seed)
-        # An item is a whole batch, gathered by its rows: tensors take several, too.
-        batches = StackDataset(**self.pool)  # type: ignore[arg-type]
+        # An item is a whole batch: a tensor gives several rows at once.
+        batches: Any = StackDataset(**self.pool)  # type: ignore[arg-type]
         return DataLoader(batches, sampler=sampler, batch_size=None)
 
     @property
