@@ -34,7 +34,7 @@ def main() -> None:
     detector.warm_up()
     first = None
     for root in ([given.shown] if given.shown else []) + given.absent:
-        frames = BopFrames(root, find_split(root), None, (), every_frame=True)
+        frames = BopFrames(root / find_split(root), None, (), every_frame=True)
         found, spent = search(detector, frames, spread(frames.keys, given.frames))
         first = float(np.median(spent)) if first is None else first
         print(

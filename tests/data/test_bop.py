@@ -45,7 +45,8 @@ def root(tmp_path: Path) -> Path:
 def frames_of(
     root: Path, object_ids: Any = None, targets: str | None = "targets.json"
 ) -> BopFrames:
-    return BopFrames(root, "test", targets, object_ids)
+    listed = None if targets is None else root / targets
+    return BopFrames(root / "test", listed, object_ids)
 
 
 def scene_file(root: Path, name: str) -> Path:
@@ -87,7 +88,7 @@ def test_keys_are_sorted_and_known_without_any_image(root, tmp_path):
         shutil.rmtree(scene_file(root, kind))
     frames = frames_of(root)
     assert frames.keys == (SOUND, BROKEN)
-    BopFrames(tmp_path / "none", "test", "targets.json")  # reads nothing
+    BopFrames(tmp_path / "none", tmp_path / "targets.json")  # reads nothing
 
 
 def test_a_frame_comes_in_metres(root):
@@ -126,7 +127,7 @@ def test_what_is_no_list_of_targets_or_names_no_frame_is_an_error(root):
     with pytest.raises(FileNotFoundError, match=r"other\.json"):
         _ = frames_of(root, targets="other.json").keys
     with pytest.raises(FileNotFoundError, match="train"):
-        _ = BopFrames(root, "train", None).keys
+        _ = BopFrames(root / "train", None).keys
 
 
 def test_identity_changes_with_pixels_poses_and_targets(root):
@@ -158,7 +159,8 @@ def test_visible_masks_are_read_by_the_number_of_the_annotation(root):
 
 
 def test_a_true_pose_lies_on_the_depth_that_was_measured(shared_data):
-    frames = BopFrames(shared_data / "lm", "test", "test_targets_bop19.json", [6])
+    lm = shared_data / "lm"
+    frames = BopFrames(lm / "test", lm / "test_targets_bop19.json", [6])
     frame = frames.load(frames.keys[0])
     (target,) = frame.targets
     vertices = load_mesh(shared_data / "lm/models/obj_000006.ply").vertices
@@ -233,11 +235,11 @@ def test_without_a_list_of_targets_a_broken_frame_is_still_one_of_the_run(
 def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
     root: Path, models: Any, case: str
 ) -> None:
-    before = BopFrames(root, "test", "targets.json", models)
+    before = BopFrames(root / "test", root / "targets.json", models)
     stated, identity = before.stated_targets(BROKEN), before.identity()
     assert stated == ((1, 0.05),)
     CASES[case][0](root)
-    after = BopFrames(root, "test", "targets.json", models)
+    after = BopFrames(root / "test", root / "targets.json", models)
     assert [object_id for object_id, _ in after.stated_targets(BROKEN)] == [1]
     assert after.identity() != identity
 

@@ -32,7 +32,7 @@ def test_targets_are_those_listed_or_all_that_is_annotated(root):
 @pytest.mark.parametrize("color", ["gray/tif", "gray/png", "rgb/jpg"])
 def test_grey_images_and_other_extensions_are_read(tmp_path, color):
     write_scene(tmp_path / "test", color)
-    frames = BopFrames(tmp_path, "test", None)
+    frames = BopFrames(tmp_path / "test", None)
     frame = frames.load(frames.keys[0])
     assert frame.rgb.shape == (60, 80, 3)
     if color.startswith("gray"):
@@ -43,13 +43,13 @@ def test_grey_images_and_other_extensions_are_read(tmp_path, color):
 def test_scene_folders_may_have_any_number_of_digits(root):
     shutil.move(root / "test" / "000006", root / "test" / "6")
     (root / "test" / "notes").mkdir()
-    assert BopFrames(root, "test", None).keys[0] == "000006_000000"
+    assert BopFrames(root / "test", None).keys[0] == "000006_000000"
 
 
 def test_a_scene_that_is_listed_and_absent_is_named(root):
     write_targets(root / "targets.json", [(6, 12, 1, 1), (7, 0, 1, 1)])
     with pytest.raises(MissingFileError, match="no scene 7"):
-        BopFrames(root, "test", "targets.json").load("000007_000000")
+        BopFrames(root / "test", root / "targets.json").load("000007_000000")
 
 
 def listed(text: str) -> Any:

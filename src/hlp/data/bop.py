@@ -120,28 +120,30 @@ class BopSettings(FolderSettings):
     ) -> tuple["BopFrames", tuple[int, ...]]:
         """The frames, and the objects that are looked for in them, `given` or found."""
         split, every = bop_models.find_split(root, self.split), self.search == "all"
-        years = (24, 19) if every else (19, 24)
-        listed = self.targets
-        if listed == bop_models.AUTO:
+        listed = None if self.targets is None else root / self.targets
+        if self.targets == bop_models.AUTO:
+            years = (24, 19) if every else (19, 24)
             listed = bop_models.find_targets_file(root, split, years)
-        of = root, split, listed, given, self.min_visible, self.max_megapixels
-        frames = BopFrames(*of, every_frame=every)
+        of = root / split, listed, given, self.min_visible, every
+        frames = BopFrames(*of, max_megapixels=self.max_megapixels)
         if every:
             return frames, tuple(given or bop_models.list_objects(root))
         return frames, tuple(sorted({i for counts in frames.targets.values() for i in counts}))
 
     def _empty_frames(self, folder: str) -> "BopFrames":
         root = existing_folder("data.empty", folder)
-        of = root, bop_models.find_split(root), None, (), 0.0, self.max_megapixels
-        return BopFrames(*of, every_frame=True)
+        of = root / bop_models.find_split(root), None, ()
+        return BopFrames(*of, every_frame=True, max_megapixels=self.max_megapixels)
 
     def _models(self, root: Path, objects: Mapping[str, ObjectSettings]) -> dict[int, ObjectModel]:
         return bop_models.load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
 
 
+@dataclass(eq=False)
 class BopFrames(FileFrames):
     """The frames of a split with at least one target (a `FrameSource`).
 
+    `targets_file` is BOP's list of targets (None: everything that is annotated).
     Only objects of `object_ids` are targets (None: all), and only instances that are visible to at
     least `min_visible`, where the data set states it. If more instances are annotated than are to
     be found, the most visible ones are the targets. Where BOP keeps the true poses private, frames
@@ -149,42 +151,31 @@ class BopFrames(FileFrames):
     without a target are kept.
     """
 
-    def __init__(
-        self,
-        root: Path,
-        split: str,
-        targets_file: str | None,
-        object_ids: Collection[int] | None = None,
-        min_visible: float = 0.0,
-        max_megapixels: float = FolderSettings.max_megapixels,
-        every_frame: bool = False,
-    ) -> None:
-        super().__init__(Path(root) / split, max_megapixels)
-        self._targets_file = None if targets_file is None else Path(root) / targets_file
-        self._object_ids = None if object_ids is None else frozenset(object_ids)
-        self._min_visible = min_visible
-        self._every_frame = every_frame
+    targets_file: Path | None
+    object_ids: Collection[int] | None = None
+    min_visible: float = 0.0
+    every_frame: bool = False
 
     @cached_property
     def targets(self) -> dict[bop_scenes.FrameId, dict[int, int]]:
         """(scene, frame) -> object id -> number of instances, sorted by frame."""
-        listed = bop_scenes.list_targets(self._scenes, self._targets_file, self._min_visible)
-        ids = self._object_ids
+        listed = bop_scenes.list_targets(self._scenes, self.targets_file, self.min_visible)
+        ids = self.object_ids
         chosen: dict[bop_scenes.FrameId, dict[int, int]] = {}
         for frame, counts in sorted(listed.items()):
             kept = {i: count for i, count in counts.items() if ids is None or i in ids}
             scene = self._scenes.get(frame[0])
-            if self._every_frame or kept or (scene is not None and scene.is_broken(frame[1])):
+            if self.every_frame or kept or (scene is not None and scene.is_broken(frame[1])):
                 chosen[frame] = kept
         if not chosen and self._is_private:
             raise MissingFileError(
-                f"{self._root} has no {bop_scenes.TRUTH} with true poses (BOP keeps some private), "
+                f"{self.root} has no {bop_scenes.TRUTH} with true poses (BOP keeps some private), "
                 "and no list of targets names an object: set data.split to a folder that has them"
             )
         if not chosen:
             named = "any object" if ids is None else f"objects {sorted(ids)}"
             raise DataError(
-                f"{self._targets_file or self._root} lists no target of {named}: check"
+                f"{self.targets_file or self.root} lists no target of {named}: check"
                 " data.targets, data.objects and data.min_visible"
             )
         return chosen
@@ -244,11 +235,11 @@ class BopFrames(FileFrames):
 
     @cached_property
     def _scenes(self) -> dict[int, bop_scenes.Scene]:
-        return bop_scenes.list_scenes(self._root)
+        return bop_scenes.list_scenes(self.root)
 
     def _scene(self, scene_id: int) -> bop_scenes.Scene:
         if scene_id not in self._scenes:
-            raise MissingFileError(f"no scene {scene_id} in {self._root}")
+            raise MissingFileError(f"no scene {scene_id} in {self.root}")
         return self._scenes[scene_id]
 
     def _stated(self, key: str) -> StatedFrame:

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,6 +21,8 @@ from hlp.geometry import transform
 from hlp.records import Frame, ObjectModel, Target, parse_frame_key
 from hlp.settings import Doc, Settings
 
+_MOST_MEGAPIXELS = 50.0
+
 
 @dataclass(frozen=True)
 class StatedFrame:
@@ -37,17 +39,18 @@ class StatedFrame:
     targets: Sequence[tuple[Target, str]] = ()
 
 
+@dataclass(eq=False)
 class FileFrames(ABC):
     """Frames of two images and files with camera and true poses (a `FrameSource`).
 
-    Constructing it reads no file. They are `CheckedFrames` too: only a bad frame is lost.
-    `unit` is that of the translations in the files.
+    Constructing it reads no file. They are `CheckedFrames` too: only a bad frame is lost. `root` is
+    the folder with all of them, `unit` that of the translations in the files.
     """
 
-    unit = "millimetres"
+    root: Path
+    max_megapixels: float = field(default=_MOST_MEGAPIXELS, kw_only=True)
 
-    def __init__(self, root: Path, max_megapixels: float) -> None:
-        self._root, self._max_megapixels = Path(root), max_megapixels
+    unit = "millimetres"
 
     @cached_property
     @abstractmethod
@@ -91,7 +94,7 @@ class FileFrames(ABC):
         broken image, colour and depth of different sizes, or a pose that is none.
         """
         if key not in self._entries:
-            raise KeyError(f"no frame {key!r} in {self._root}")
+            raise KeyError(f"no frame {key!r} in {self.root}")
         stated = self._stated(key)
         rgb = images.read_rgb(stated.color)
         raw = images.read_raw_depth(stated.depth)
@@ -103,8 +106,8 @@ class FileFrames(ABC):
     def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:
         """See `CheckedFrames`."""
         stated = self._stated(key)
-        size = images.image_size(stated.color, self._max_megapixels)
-        depth_size = images.image_size(stated.depth, self._max_megapixels, depth=True)
+        size = images.image_size(stated.color, self.max_megapixels)
+        depth_size = images.image_size(stated.depth, self.max_megapixels, depth=True)
         images.require_same_size(stated.color, size, depth_size)
         schemas.camera_matrix(stated.matrix, stated.camera, size)
         for target, where in stated.targets:
@@ -169,7 +172,7 @@ class FolderSettings(Settings):
     ] = 500
     max_megapixels: Annotated[
         float, Gt(0), Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
-    ] = 50.0
+    ] = _MOST_MEGAPIXELS
 
     def training_images(self) -> TrainingImages:
         """The images in the folders. Decodes none.

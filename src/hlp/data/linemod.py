@@ -69,10 +69,11 @@ class LinemodSettings(FolderSettings):
             for name, settings in objects.items()
         }
         ids = {name: settings.id for name, settings in objects.items()}
-        frames = LinemodFrames(root, ids, self.camera_matrix, self.max_megapixels)
+        frames = LinemodFrames(root, ids, self.camera_matrix, max_megapixels=self.max_megapixels)
         return Dataset(models, tuple(models), frames, **vars(images), settings=self)
 
 
+@dataclass(eq=False)
 class LinemodFrames(FileFrames):
     """All frames of the given objects, with one target each (a `FrameSource`).
 
@@ -80,31 +81,28 @@ class LinemodFrames(FileFrames):
     version. Frame keys are `<object id>_<frame number>`.
     """
 
+    object_ids: Mapping[str, int]
+    camera: Sequence[float]
+
     unit = "centimetres"
 
-    def __init__(
-        self,
-        root: Path,
-        object_ids: Mapping[str, int],
-        camera: Sequence[float],
-        max_megapixels: float = FolderSettings.max_megapixels,
-    ) -> None:
-        super().__init__(root, max_megapixels)
-        self._names = {object_id: name for name, object_id in object_ids.items()}
-        self._matrix = camera_matrix(camera, "data.camera_matrix")
+    def __post_init__(self) -> None:
+        """Raise DataError for numbers that are no camera's."""
+        self._names = {object_id: name for name, object_id in self.object_ids.items()}
+        self._matrix = camera_matrix(self.camera, "data.camera_matrix")
 
     @cached_property
     def _entries(self) -> dict[str, tuple[int, int]]:
         """Object and number of each frame."""
         frames: dict[str, tuple[int, int]] = {}
         for object_id, name in sorted(self._names.items()):
-            images = (self._root / name / "data").glob("color*.jpg")
+            images = (self.root / name / "data").glob("color*.jpg")
             numbers = [path.stem.removeprefix("color") for path in images]
             for number in sorted(int(text) for text in numbers if text.isdecimal()):
                 frames[frame_key(object_id, number)] = (object_id, number)
         if not frames:
             raise MissingFileError(
-                f"no OBJ/data/color*.jpg under {self._root} for the objects"
+                f"no OBJ/data/color*.jpg under {self.root} for the objects"
                 f" {', '.join(self._names.values())}: check data.root"
             )
         return frames
@@ -121,7 +119,7 @@ class LinemodFrames(FileFrames):
     def _files(self, key: str) -> tuple[Path, Path, Path, Path]:
         """Colour, depth, rotation, translation."""
         object_id, n = self._entries[key]
-        folder = self._root / self._names[object_id] / "data"
+        folder = self.root / self._names[object_id] / "data"
         color, depth = folder / f"color{n}.jpg", folder / f"depth{n}.dpt"
         return color, depth, folder / f"rot{n}.rot", folder / f"tra{n}.tra"
 

@@ -64,7 +64,7 @@ class YcbineoatSettings(FolderSettings):
         model = build_object_model(
             name, ObjectSettings(_OBJECT_ID), mesh, self.mesh_scale, self.proxy_faces
         )
-        frames = YcbineoatFrames(root, self.depth_scale, self.max_megapixels)
+        frames = YcbineoatFrames(root, self.depth_scale, max_megapixels=self.max_megapixels)
         models = {_OBJECT_ID: model}
         return Dataset(models, tuple(models), frames, **vars(images), settings=self)
 
@@ -80,6 +80,7 @@ def read_pose(path: Path) -> Pose:
     return rigid(exact_rotation(pose[:3, :3], str(path)), pose[:3, 3])
 
 
+@dataclass(eq=False)
 class YcbineoatFrames(FileFrames):
     """The frames of a sequence, with one target each (a `FrameSource`).
 
@@ -87,29 +88,22 @@ class YcbineoatFrames(FileFrames):
     name is in both, they are paired in their order.
     """
 
-    unit = "metres"
+    depth_scale: float = 1.0
 
-    def __init__(
-        self,
-        root: Path,
-        depth_scale: float = 1.0,
-        max_megapixels: float = FolderSettings.max_megapixels,
-    ) -> None:
-        super().__init__(root, max_megapixels)
-        self._depth_scale = depth_scale
+    unit = "metres"
 
     @cached_property
     def _entries(self) -> dict[str, tuple[Path, Path, Path]]:
         """Colour image, pose and depth image of each frame."""
         images, poses = (
-            list_images(str(existing_folder("data.root", str(self._root / name))), name, extensions)
+            list_images(str(existing_folder("data.root", str(self.root / name))), name, extensions)
             for name, extensions in (("rgb", EXTENSIONS), (_POSES, (".txt",)))
         )
         by_name = {path.stem: path for path in poses}
         if by_name.keys().isdisjoint(path.stem for path in images):
             if len(images) != len(poses):
                 raise DataError(
-                    f"{self._root} has {len(images)} images and {len(poses)} poses of other names: "
+                    f"{self.root} has {len(images)} images and {len(poses)} poses of other names: "
                     "there must be one for each image"
                 )
             by_name = {image.stem: pose for image, pose in zip(images, poses, strict=True)}
@@ -118,7 +112,7 @@ class YcbineoatFrames(FileFrames):
             frame_key(_SCENE_ID, number): (
                 image,
                 by_name[image.stem],
-                find_image(self._root / "depth", image.stem),
+                find_image(self.root / "depth", image.stem),
             )
             for number, image in enumerate(posed)
         }
@@ -130,11 +124,11 @@ class YcbineoatFrames(FileFrames):
     def identity(self) -> str:
         """Hash of images, poses and intrinsics, and of what is missing."""
         files = [path for paths in self._entries.values() for path in paths]
-        return content_hash([self._root / _CAMERA, *files], repr(self._depth_scale))
+        return content_hash([self.root / _CAMERA, *files], repr(self.depth_scale))
 
     def _stated(self, key: str) -> StatedFrame:
         color, pose, depth = self._entries[key]
-        camera = str(self._root / _CAMERA)
+        camera = str(self.root / _CAMERA)
         targets = [(Target(_OBJECT_ID, read_pose(pose)), str(pose))]
         matrix = read_camera(camera).matrix
-        return StatedFrame(color, depth, self._depth_scale, matrix, camera, targets)
+        return StatedFrame(color, depth, self.depth_scale, matrix, camera, targets)
