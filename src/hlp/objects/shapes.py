@@ -95,11 +95,7 @@ def lathe(
     """
     line = _resampled(np.asarray(profile, dtype=np.float64), spacing)
     count = segments or max(12, int(np.ceil(2 * np.pi * line[:, 0].max() / spacing)))
-    angles = np.arange(count) * (2 * np.pi / count)
-    around = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    ring = line[:, None, :1] * around
-    height = np.broadcast_to(line[:, None, 1:], (*ring.shape[:2], 1))
-    return _grid_surface(np.concatenate([ring, height], axis=-1), color)
+    return _grid_surface(_revolved(line, count), color)
 
 
 def cylinder(radius: float, height: float, color: Color, spacing: float = SPACING) -> Mesh:
@@ -116,15 +112,7 @@ def ellipsoid(radii: Sequence[float], color: Color, spacing: float = SPACING) ->
     radius = np.sin(angle)
     radius[[0, -1]] = 0.0
     around = max(12, int(np.ceil(2 * np.pi * max(radii[:2]) / spacing)))
-    turn = np.arange(around) * (2 * np.pi / around)
-    sphere = np.stack(
-        [
-            radius[:, None] * np.cos(turn),
-            radius[:, None] * np.sin(turn),
-            np.repeat(-np.cos(angle)[:, None], around, axis=1),
-        ],
-        axis=-1,
-    )
+    sphere = _revolved(np.column_stack([radius, -np.cos(angle)]), around)
     return _grid_surface(sphere * np.asarray(radii), color)
 
 
@@ -191,6 +179,14 @@ def _resampled(line: Float[np.ndarray, "k d"], spacing: float) -> Float[np.ndarr
         share = np.arange(1, steps + 1)[:, None] / steps
         pieces.append(start + share * (end - start))
     return np.concatenate(pieces)
+
+
+def _revolved(line: Float[np.ndarray, "n 2"], steps: int) -> Float[np.ndarray, "n steps 3"]:
+    """The points (radius, height) of a line, turned about z in so many steps."""
+    angles = np.arange(steps) * (2 * np.pi / steps)
+    ring = line[:, None, :1] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    height = np.broadcast_to(line[:, None, 1:], (*ring.shape[:2], 1))
+    return np.concatenate([ring, height], axis=-1)
 
 
 def _grid_surface(grid: Float[np.ndarray, "rows columns 3"], color: Color) -> Mesh:

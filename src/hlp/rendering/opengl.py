@@ -75,16 +75,16 @@ def render_rgbd(
     A mesh that is not the last one is uploaded: draw all poses of one before the next.
     Raises RuntimeError if OpenGL cannot run.
     """
-    context = _context()
-    if context.draw is None or context.problem_here is not None:
-        raise RuntimeError(context.problem_here)
+    draw, problem = _context().draw, opengl_problem()
+    if draw is None or problem is not None:
+        raise RuntimeError(problem)
     # With a tight depth range the 24-bit buffer resolves far less than a micrometre.
     z = mesh.vertices @ pose_cam_obj[2, :3] + pose_cam_obj[2, 3]
     margin = 1e-3 * float(np.ptp(z)) + 1e-4
     near, far = max(float(z.min()) - margin, _NEAR), float(z.max()) + margin
     if far <= near:  # the whole mesh is behind the camera
         return np.zeros((*shape, 3), dtype=np.uint8), np.zeros(shape, dtype=np.float32)
-    return context.draw(mesh, pose_cam_obj, camera_matrix, shape, light, (near, far))
+    return draw(mesh, pose_cam_obj, camera_matrix, shape, light, (near, far))
 
 
 def _context() -> _Context:
