@@ -19,7 +19,7 @@ from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import transform
 from hlp.records import Frame, ObjectModel, Target, parse_frame_key
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, Settings, read_settings
 
 _MOST_MEGAPIXELS = 50.0
 
@@ -141,9 +141,7 @@ class RgbdFrames(OwnFrames):
     """
 
     def __init__(self, root: Path) -> None:
-        found = with_frames({"frames": str(root)})
-        rgb, depth, intrinsics = (found[key] for key in ("rgb", "depth", "intrinsics"))
-        super().__init__(FrameFiles(rgb=rgb, depth=depth, intrinsics=intrinsics))
+        super().__init__(read_settings(FrameFiles, with_frames({"frames": str(root)})))
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""
