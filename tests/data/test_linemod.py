@@ -15,9 +15,9 @@ from hlp.data.images import read_raw_depth
 from hlp.data.linemod import LinemodFrames, LinemodSettings
 from hlp.objects.object_model import ObjectSettings
 
-K = [572.4, 0, 40, 0, 573.6, 30, 0, 0, 1]
+K = np.array([[572.4, 0, 40], [0, 573.6, 30], [0, 0, 1]])
 TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix()
-IDS = {"ape": 1, "cat": 6}
+NAMES = {1: "ape", 6: "cat"}
 
 
 def _write_dpt(path, raw):
@@ -46,13 +46,13 @@ def root(tmp_path):
 
 
 def test_frames_come_in_numeric_order_and_in_metres(root):
-    frames = LinemodFrames(root, IDS, K)
+    frames = LinemodFrames(root, NAMES, K)
     assert frames.keys == ("000001_000000", "000001_000002", "000001_000010", "000006_000000")
     frame = frames.load("000001_000010")
     assert frame.key == "000001_000010"
     assert frame.rgb.shape == (60, 80, 3) and abs(int(frame.rgb[5, 5, 0]) - 105) < 3
     np.testing.assert_allclose(frame.depth, 1.010, rtol=1e-6)
-    np.testing.assert_array_equal(frame.camera_matrix.ravel(), K)
+    np.testing.assert_array_equal(frame.camera_matrix, K)
     (target,) = frame.targets
     assert target.object_id == 1 and np.isnan(target.visible_fraction)
     np.testing.assert_allclose(target.pose_cam_obj[:3, 3], [0.01, -0.02, 1.10])
@@ -63,7 +63,9 @@ def test_frames_come_in_numeric_order_and_in_metres(root):
 
 def test_models_come_from_each_objects_folder(root):
     objects = {"ape": ObjectSettings(1, 80.0, 30.0), "cat": ObjectSettings(6, None, None)}
-    dataset = LinemodSettings(root=str(root), objects=objects, camera_matrix=tuple(K)).build()
+    dataset = LinemodSettings(
+        root=str(root), objects=objects, camera_matrix=tuple(K.ravel())
+    ).build()
     models = dataset.models
     assert [(key, model.name) for key, model in models.items()] == [(1, "ape"), (6, "cat")]
     assert models[6].diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))
@@ -79,29 +81,30 @@ def test_models_come_from_each_objects_folder(root):
 
 
 def test_identity_changes_with_content_and_intrinsics(root):
-    before = LinemodFrames(root, IDS, K).identity()
-    assert LinemodFrames(root, IDS, K).identity() == before
-    assert LinemodFrames(root, IDS, [573.0, *K[1:]]).identity() != before
+    before = LinemodFrames(root, NAMES, K).identity()
+    assert LinemodFrames(root, NAMES, K).identity() == before
+    assert LinemodFrames(root, NAMES, K + 1.0).identity() != before
     _write_matrix(root / "cat/data/tra0.tra", np.array([[1.0], [-2.0], [100.5]]))
-    assert LinemodFrames(root, IDS, K).identity() != before
+    assert LinemodFrames(root, NAMES, K).identity() != before
 
 
 def test_absent_files_are_named(root):
     (root / "cat/data/tra0.tra").unlink()
     with pytest.raises(FileNotFoundError, match=r"tra0\.tra"):
-        LinemodFrames(root, IDS, K).load("000006_000000")
+        LinemodFrames(root, NAMES, K).load("000006_000000")
     (root / "ape/data/depth0.dpt").unlink()
     with pytest.raises(FileNotFoundError, match=r"depth0\.dpt"):
-        LinemodFrames(root, IDS, K).load("000001_000000")
+        LinemodFrames(root, NAMES, K).load("000001_000000")
     with pytest.raises(FileNotFoundError, match="duck"):
-        _ = LinemodFrames(root, {"duck": 9}, K).keys
+        _ = LinemodFrames(root, {9: "duck"}, K).keys
     with pytest.raises(KeyError, match="000001_000007"):
-        LinemodFrames(root, IDS, K).load("000001_000007")
+        LinemodFrames(root, NAMES, K).load("000001_000007")
     _write_dpt(root / "ape/data/depth2.dpt", np.zeros((60, 80)))
     with pytest.raises(ValueError, match=r"depth2\.dpt has no depth"):
-        LinemodFrames(root, IDS, K).load("000001_000002")
+        LinemodFrames(root, NAMES, K).load("000001_000002")
     with pytest.raises(ValueError, match=r"data\.camera_matrix"):
-        LinemodFrames("unused", IDS, [1.0, 2.0])
+        objects = {"ape": ObjectSettings(1)}
+        LinemodSettings(root=str(root), objects=objects, camera_matrix=(1.0, 2.0)).build()
 
 
 def test_depth_keeps_rows_and_columns_apart(tmp_path):

@@ -4,7 +4,7 @@
 millimetres, translations are in centimetres. The intrinsics are in the configuration.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Gt, Unit
 
+from hlp.arrays import CameraMatrix
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
 from hlp.data.file_frames import (
     FileFrames,
@@ -68,8 +69,9 @@ class LinemodSettings(FolderSettings):
             )
             for name, settings in objects.items()
         }
-        ids = {name: settings.id for name, settings in objects.items()}
-        frames = LinemodFrames(root, ids, self.camera_matrix, max_megapixels=self.max_megapixels)
+        names = {object_id: model.name for object_id, model in models.items()}
+        matrix = camera_matrix(self.camera_matrix, "data.camera_matrix")
+        frames = LinemodFrames(root, names, matrix, max_megapixels=self.max_megapixels)
         return Dataset(models, tuple(models), frames, **vars(images), settings=self)
 
 
@@ -77,25 +79,20 @@ class LinemodSettings(FolderSettings):
 class LinemodFrames(FileFrames):
     """All frames of the given objects, with one target each (a `FrameSource`).
 
-    `object_ids` maps folder names to ids; the id is also the scene id of the frames, as in BOP's
-    version. Frame keys are `<object id>_<frame number>`.
+    `names` are those of the folders by the object's id, which is also the scene id of the frames,
+    as in BOP's version. Frame keys are `<object id>_<frame number>`.
     """
 
-    object_ids: Mapping[str, int]
-    camera: Sequence[float]
+    names: Mapping[int, str]
+    matrix: CameraMatrix
 
     unit = "centimetres"
-
-    def __post_init__(self) -> None:
-        """Raise DataError for numbers that are no camera's."""
-        self._names = {object_id: name for name, object_id in self.object_ids.items()}
-        self._matrix = camera_matrix(self.camera, "data.camera_matrix")
 
     @cached_property
     def _entries(self) -> dict[str, tuple[int, int]]:
         """Object and number of each frame."""
         frames: dict[str, tuple[int, int]] = {}
-        for object_id, name in sorted(self._names.items()):
+        for object_id, name in sorted(self.names.items()):
             images = (self.root / name / "data").glob("color*.jpg")
             numbers = [path.stem.removeprefix("color") for path in images]
             for number in sorted(int(text) for text in numbers if text.isdecimal()):
@@ -103,7 +100,7 @@ class LinemodFrames(FileFrames):
         if not frames:
             raise MissingFileError(
                 f"no OBJ/data/color*.jpg under {self.root} for the objects"
-                f" {', '.join(self._names.values())}: check data.root"
+                f" {', '.join(self.names.values())}: check data.root"
             )
         return frames
 
@@ -114,12 +111,12 @@ class LinemodFrames(FileFrames):
     def identity(self) -> str:
         """Hash of images, poses and intrinsics, and of what is missing."""
         files = [path for key in self._entries for path in self._files(key)]
-        return content_hash(files, repr((list(self._entries), self._matrix.tolist())))
+        return content_hash(files, repr((list(self._entries), self.matrix.tolist())))
 
     def _files(self, key: str) -> tuple[Path, Path, Path, Path]:
         """Colour, depth, rotation, translation."""
         object_id, n = self._entries[key]
-        folder = self.root / self._names[object_id] / "data"
+        folder = self.root / self.names[object_id] / "data"
         color, depth = folder / f"color{n}.jpg", folder / f"depth{n}.dpt"
         return color, depth, folder / f"rot{n}.rot", folder / f"tra{n}.tra"
 
@@ -128,4 +125,4 @@ class LinemodFrames(FileFrames):
         rotation = exact_rotation(read_numbers(rot, 9, 1).reshape(3, 3), str(rot))
         pose = np.asarray(rigid(rotation, read_numbers(tra, 3, 1) * _CENTIMETRE))
         targets = [(Target(self._entries[key][0], pose), str(tra))]
-        return StatedFrame(color, depth, 1.0, self._matrix, "data.camera_matrix", targets)
+        return StatedFrame(color, depth, 1.0, self.matrix, "data.camera_matrix", targets)
