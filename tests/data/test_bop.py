@@ -159,8 +159,7 @@ def test_visible_masks_are_read_by_the_number_of_the_annotation(root):
 
 
 def test_a_true_pose_lies_on_the_depth_that_was_measured(shared_data):
-    lm = shared_data / "lm"
-    frames = BopFrames(lm / "test", lm / "test_targets_bop19.json", [6])
+    frames = frames_of(shared_data / "lm", [6], "test_targets_bop19.json")
     frame = frames.load(frames.keys[0])
     (target,) = frame.targets
     vertices = load_mesh(shared_data / "lm/models/obj_000006.ply").vertices

@@ -63,9 +63,7 @@ def test_frames_come_in_numeric_order_and_in_metres(root):
 
 def test_models_come_from_each_objects_folder(root):
     objects = {"ape": ObjectSettings(1, 80.0, 30.0), "cat": ObjectSettings(6, None, None)}
-    dataset = LinemodSettings(
-        root=str(root), objects=objects, camera_matrix=tuple(K.ravel())
-    ).build()
+    dataset = LinemodSettings(root=str(root), objects=objects, camera_matrix=tuple(K.flat)).build()
     models = dataset.models
     assert [(key, model.name) for key, model in models.items()] == [(1, "ape"), (6, "cat")]
     assert models[6].diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))

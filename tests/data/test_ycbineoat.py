@@ -55,8 +55,7 @@ def test_poses_of_the_images_names_belong_to_them(root):
         path = root / "annotated_poses" / f"{number:07d}.txt"
         path.rename(path.with_stem(stamp))
     frames = YcbineoatFrames(root)
-    # An image without a pose is no frame, a pose of no image is ignored.
-    assert len(frames.keys) == 2
+    assert len(frames.keys) == 2  # no frame of an image without a pose, or a pose without an image
     frame = frames.load(frames.keys[0])
     assert frame.rgb[0, 0, 0] == 101
     np.testing.assert_allclose(frame.targets[0].pose_cam_obj, pose(0), atol=1e-12)
