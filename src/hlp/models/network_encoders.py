@@ -46,9 +46,7 @@ class AutoencoderSettings(NetworkSettings):
     """Config group `encoder`: the paper's autoencoder, trained on RGB-D scenes (Fig. 6)."""
 
     name: Literal["cae"] = "cae"
-    input: Annotated[Literal["rgbd", "normals_depth"], Doc("channels of the input (P: rgbd)")] = (
-        "rgbd"
-    )
+    input: Annotated[EncoderInput, Doc("channels of the input (P: rgbd)")] = "rgbd"
     learning_rate: Annotated[NotNegative, Le(1), Doc("the highest rate (D)")] = 1.0e-3
     weight_decay: Annotated[NotNegative, Le(1), Doc("of AdamW (D)")] = 0.0
     epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the patches (D)")] = 20
