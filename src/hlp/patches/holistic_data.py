@@ -39,8 +39,7 @@ class HolisticDataModule(PoolDataModule):
         self.channels = channels
         self.background_share = background_share
         self.threads = threads
-        noise = np.random.default_rng(seed).standard_normal(NOISE_LENGTH, dtype=np.float32)
-        self._noise = noise
+        self._noise = np.random.default_rng(seed).standard_normal(NOISE_LENGTH, dtype=np.float32)
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> tuple[Tensor, Tensor]:
         """Compose the batch on the CPU, seeded by its number."""

@@ -1,8 +1,7 @@
 """Cutting of square patches from an image, resized to one resolution."""
 
 from collections.abc import Sequence
-from dataclasses import fields
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -19,9 +18,8 @@ _ROWS_PER_REMAP = 16384  # cv2.remap is limited to 32767 rows
 
 def join(parts: Sequence[Record]) -> Record:
     """One record of arrays with the rows of several."""
-    names = [field.name for field in fields(cast(Any, parts[0]))]
-    arrays = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
-    return type(parts[0])(*arrays)
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return type(parts[0])(*map(np.concatenate, columns))
 
 
 def sample_squares(
