@@ -162,7 +162,7 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
     The address of a cluster is accepted if it is among the overrides too, with any value.
     """
     own_cluster = any(given.startswith("executor.address=") for given in overrides)
-    for key, value in _entries(config):
+    for key, value in entries(config):
         last, text = key.rpartition(".")[2], value if isinstance(value, str) else "name"
         refused = {
             "a manifest holds no configuration of Hydra": key in ("hydra", "defaults"),
@@ -179,7 +179,7 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
                 raise DataError(f"{manifest}: config.{key} is {str(value)[:100]!r}: {why}")
 
 
-def _entries(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+def entries(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     """All keys, joined by dots, and their values, those of lists too."""
     if key:
         yield key, value
@@ -189,4 +189,4 @@ def _entries(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     elif isinstance(value, list):
         items = {f"{key}[{place}]": item for place, item in enumerate(value)}
     for name, item in items.items():
-        yield from _entries(item, name)
+        yield from entries(item, name)
