@@ -32,8 +32,8 @@ def objects(arguments: Sequence[str]) -> None:
             print(f"removed {learnt_cache.remove_learnt(name, cache)}")
         case ["export", name, target]:
             with _whole(name, cache, work) as folder:
-                made = learnt_cache.export_learnt(str(folder), expanded(target), cache)
-            print(f"copied to {made}")
+                learnt_cache.export_learnt(folder, expanded(target))
+            print(f"copied to {expanded(target)}")
         case ["register", name, model]:
             from hlp.runs.mlflow_log import register_learnt
 

@@ -106,16 +106,14 @@ def remove_learnt(name: str, cache: Path) -> Path:
     return folder
 
 
-def export_learnt(name: str, target: Path, cache: Path) -> Path:
+def export_learnt(source: Path, target: Path) -> None:
     """Copy learnt objects into a new folder, which appears when it is complete.
 
-    Raises InputError if it is there already, and DamagedError naming a file that is damaged.
+    Raises InputError if it is there already.
     """
-    source = find_whole(name, cache)
     if target.exists():
         raise InputError(f"{target} exists already: name a new folder")
     partial = target.absolute().with_name(f".{target.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)  # left by a call that was killed
     shutil.copytree(source, partial)
     partial.rename(target)
-    return target
