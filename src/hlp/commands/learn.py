@@ -144,12 +144,11 @@ def learning_request(
     general = ("output=none", "~experiment", "name=learn", "data=bop", "data.root=.")
     settings = build_settings(compose_config(*general, *rest)).method
     images = own.read_group(FolderSettings, given, name="files").training_images()
-    choices = own.read_group(MeshChoices, given)
-    each = {}
+    choices = {}
     for name in names:
         single = {key.removesuffix(f".{name}"): given[key] for key in given.keys() & of_single}
-        each[name] = own.read_group(MeshChoices, {**given, **single})
-    models = build_models(dict(zip(names, paths, strict=True)), choices, 1, each)
+        choices[name] = own.read_group(MeshChoices, {**given, **single})
+    models = build_models(dict(zip(names, paths, strict=True)), choices, 1)
     return LearningRequest(models, images, settings)
 
 

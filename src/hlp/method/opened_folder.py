@@ -228,4 +228,5 @@ def _build_models(
     from hlp.method.learn.mesh_models import MeshChoices, build_models  # with trimesh
 
     choices = MeshChoices(mesh_scale=mesh_scale)
-    return build_models(arguments.checked_meshes(meshes), choices, first_id)
+    paths = arguments.checked_meshes(meshes)
+    return build_models(paths, dict.fromkeys(paths, choices), first_id)
