@@ -11,10 +11,11 @@ import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
+from hlp.config.build import Run
 from hlp.data.dataset import frames_identity
 from hlp.errors import ConfigError, DataError
 from hlp.files import MANIFEST, POSES, read_csv
@@ -29,11 +30,8 @@ from hlp.stages.manifest import (
 )
 from hlp.stages.store import StageStore
 
-if TYPE_CHECKING:
-    from hlp.config.build import Run
 
-
-def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
+def make_manifest(run: Run, store: StageStore) -> dict[str, Any]:
     """Everything needed to tell whether two results were made in the same way.
 
     Another processor or another build of a library may change the last bits of a result. They are
@@ -48,7 +46,7 @@ def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
     }
 
 
-def made_from(run: "Run") -> dict[str, Any]:
+def made_from(run: Run) -> dict[str, Any]:
     """Everything that affects a result: versions, code, seed, configuration, data."""
     dataset = run.dataset
     return {
@@ -67,7 +65,7 @@ def made_from(run: "Run") -> dict[str, Any]:
     }
 
 
-def is_finished(run: "Run", output: Path) -> bool:
+def is_finished(run: Run, output: Path) -> bool:
     """Whether a folder holds the complete result of this run, made by this code from this data.
 
     The name of the folder does not matter. Raises DataError for a broken manifest.
@@ -115,7 +113,7 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
     return json.dumps({"defaults": ["_self_"], **config, **where, "hydra": own["hydra"]})
 
 
-def run_again(run: "Run", manifest: Path, output: Path) -> None:
+def run_again(run: Run, manifest: Path, output: Path) -> None:
     """Run the task again, and say whether the poses are the same as those of the manifest's run.
 
     Raises DataError if the data are not those of the manifest.
@@ -131,7 +129,7 @@ def run_again(run: "Run", manifest: Path, output: Path) -> None:
         logging.getLogger(__name__).warning("Repeated  NOT the same poses as in %s", manifest)
 
 
-def check_manifest(run: "Run", manifest: Path) -> None:
+def check_manifest(run: Run, manifest: Path) -> None:
     """Raise DataError if the data are not those of the manifest; warn of what else differs.
 
     The message names the data that differ: models, frames, photographs, … Other code, versions,

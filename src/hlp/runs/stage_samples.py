@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from hlp.arrays import spread
+from hlp.arrays import Pose, spread
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
@@ -73,9 +73,7 @@ class FrameResults:
         apart = [float(np.linalg.norm(found - place)) for _, found in posed]
         return posed[int(np.argmin(apart))][0] if posed else None
 
-    def coarse(
-        self, object_id: int, estimate: PoseEstimate | None
-    ) -> Float[np.ndarray, "4 4"] | None:
+    def coarse(self, object_id: int, estimate: PoseEstimate | None) -> Pose | None:
         """The coarse pose that became the estimate; without an estimate the best one.
 
         None if there is none: the fallback finds poses without any.
@@ -225,7 +223,7 @@ def swarms_of_target(
     assert isinstance(settings, PsoSettings)  # of others, no search can be repeated
     observed = _observation(settings, found)
 
-    def own_cost(pose_cam_obj: Float[np.ndarray, "4 4"]) -> float:
+    def own_cost(pose_cam_obj: Pose) -> float:
         """In a search that starts from the pose: others may look at another place."""
         cost = cost_around(seen.model, observed, pose_cam_obj, settings.cost)
         return float(cost.evaluate(pose_cam_obj[None])[0])

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from jaxtyping import Float
 
-from hlp.arrays import spread
+from hlp.arrays import Pose, spread
 from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.data.dataset import annotated_mask
@@ -36,7 +35,6 @@ from hlp.stages.trace_files import read_arrays
 from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
 
 Cell = tuple[str, str]
-Pose = Float[np.ndarray, "4 4"]
 CELLS: tuple[Cell, ...] = (
     ("estimated", "estimated"),
     ("true", "estimated"),
