@@ -188,14 +188,10 @@ def summarise_oracle(
         per_object = {name: recall(group) for name, group in by_object(found, names).items()}
         of_all = {"region": region, "coarse": coarse, "add": recall(found)}
         cells.append({**of_all, "per_object": per_object})
-    recalls = [found["add"]["recall"] for found in cells]
-    return {"cells": cells, "lost": _lost(dict(zip(scores, recalls, strict=True)))}
-
-
-def _lost(right: Mapping[Cell, float]) -> dict[str, float]:
-    """What each stage lost of the recall."""
-    return {
+    right = {(found["region"], found["coarse"]): found["add"]["recall"] for found in cells}
+    lost = {
         "region": right["true", "estimated"] - right["estimated", "estimated"],
         "coarse pose": right["true", "true"] - right["true", "estimated"],
         "fine pose": 1.0 - right["true", "true"],
     }
+    return {"cells": cells, "lost": lost}
