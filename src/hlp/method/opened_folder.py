@@ -176,7 +176,8 @@ class OpenedFolder:
         from hlp.method.learn.learning import add
 
         with self._lock:
-            first_id = LearntFolder(self.folder).record.next_id
+            classes = LearntFolder(self.folder).record.classes  # of removed objects, too
+            first_id = max(classes, default=0) + 1
             backgrounds = GivenBackgrounds(arguments.checked_backgrounds(background_frames))
             add(self.folder, _build_models(meshes, mesh_scale, first_id), backgrounds)
             self._open()

@@ -145,9 +145,7 @@ def run_one(config: DictConfig) -> None:
         try:
             run = build.build_run(config, chosen)
         except Exception:  # recorded, and raised again
-            whole = OmegaConf.to_container(config, resolve=False)
-            assert isinstance(whole, dict)
-            values = {str(key): value for key, value in whole.items()}
+            values = cast(dict[str, Any], OmegaConf.to_container(config, resolve=False))
             with track_run(_tracking(config), name, values, run_tags(chosen.groups, output)):
                 raise
         if is_finished(run, output):
