@@ -10,7 +10,7 @@ import platformdirs
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.files import EXAMPLE, expanded, shipped_folder
 from hlp.folders import own_files
-from hlp.method.learn.learnt_folder import RECORD, check_files, read_record
+from hlp.method.learn.learnt_folder import RECORD, read_record
 from hlp.method.learn.unfinished_folder import restore_replaced
 
 _REMOVED = ".removed-"
@@ -56,13 +56,6 @@ def find_learnt(given: str, cache: Path) -> Path:
         f"learnt={given}: neither a folder of learnt objects nor a name; {cache} holds "
         f"{_names(cache)}. Learn objects with `hlp learn mesh=FILE`"
     )
-
-
-def find_whole(given: str, cache: Path) -> Path:
-    """As `find_learnt`, for a copy. Raises DamagedError naming a file that is damaged, too."""
-    folder = find_learnt(given, cache)
-    check_files(folder, read_record(folder))
-    return folder
 
 
 def list_learnt(cache: Path) -> list[LearntEntry]:

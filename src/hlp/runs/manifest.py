@@ -18,7 +18,7 @@ import yaml
 from hlp.config.build import Run
 from hlp.data.dataset import frames_identity
 from hlp.errors import ConfigError, DataError
-from hlp.files import MANIFEST, POSES, read_csv
+from hlp.files import MANIFEST, POSES, config_folder, read_csv
 from hlp.results.poses_file import POSE_COLUMNS
 from hlp.stages.manifest import (
     code_digest,
@@ -88,13 +88,12 @@ def poses_digest(path: Path) -> str:
 _NAME = re.compile(r"[\w][\w .+-]*")
 
 
-def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> str:
+def config_of(manifest: Path, overrides: Sequence[str]) -> str:
     """A `config.yaml` for Hydra with all of a manifest's values.
 
-    `configuration` is the folder of HLP's configuration. Hydra's part and the places where a run is
-    stored (work, output, reporting but for what it is about) come from there. Raises what
-    `read_manifest` and `check_harmless` raise, and ConfigError for an override that chooses another
-    file of a group: the manifest's is fixed.
+    Hydra's part and the places where a run is stored (work, output, reporting but for what it is
+    about) come from HLP's own. Raises what `read_manifest` and `check_harmless` raise, and
+    ConfigError for an override that chooses another file of a group: the manifest's is fixed.
     """
     config = read_manifest(manifest)["config"]
     check_harmless(config, manifest, overrides)
@@ -104,8 +103,8 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
             raise ConfigError(
                 f"{override}: {manifest} fixes {key}; only keys in it can be set ({key}.KEY=VALUE)"
             )
-    own = yaml.safe_load((configuration / "config.yaml").read_text())
-    reporting = yaml.safe_load((configuration / "reporting" / "mlflow.yaml").read_text())
+    own = yaml.safe_load((config_folder() / "config.yaml").read_text())
+    reporting = yaml.safe_load((config_folder() / "reporting" / "mlflow.yaml").read_text())
     given = config.get("reporting")
     if isinstance(given, dict) and isinstance(given.get("about"), str):
         reporting["about"] = given["about"]
