@@ -42,7 +42,6 @@ tenths of a second and 0.2 MB."""
 Scored = Mapping[str, Sequence[TargetScore]]
 """The scores of each frame that could be used, in the order of its targets."""
 _TARGETS = 6  # whose patches and swarms are drawn
-_PATCHES = 2  # of a target
 
 
 def draw_pictures(
@@ -166,10 +165,8 @@ class _Pictures:
         return training_sheet(images, labels, names)
 
     def _nearest_entries(self) -> "Figure | None":
-        entries = []
-        for key, place in self._drawn[:_TARGETS]:
-            found, seen = self._seen(key, place)
-            entries += entries_on_target(self._training, found, seen.truth, _PATCHES)
+        targets = (self._seen(key, place)[1] for key, place in self._drawn[:_TARGETS])
+        entries = [patch for seen in targets for patch in entries_on_target(self._training, seen)]
         return entries_sheet(entries) if entries else None
 
     def _swarms(self) -> "Figure | None":
