@@ -128,7 +128,7 @@ def rows_of(recording: str, given: argparse.Namespace) -> list[tuple[Any, ...]]:
     finds: dict[str, Find] = {}
     for name, overrides in SPEEDS.items():
         settings = build_settings(compose_config(*always, *overrides)).method
-        own = DetectionStages(run.dataset, settings, stages.training, store, run.keys)
+        own = DetectionStages(run.dataset, settings, stages.training, run.keys)
         finds[name] = searched(own)
     finds["HLP, many_objects"] = searched(many)
     for each in (stages, many):

@@ -20,7 +20,7 @@ from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.refiner import Refinement
 from hlp.refinement.score_model import PRIOR, ScoreModel
-from hlp.stages.store import Output
+from hlp.stages.store import Output, StageStore
 
 OBJECTS = (3, 7)
 KEYS = ("000000_000001", "000000_000002", "000004_000001")
@@ -73,7 +73,8 @@ def fake_dataset() -> Any:
 class FakeTraining:
     """Training stages that have learnt everything already."""
 
-    def __init__(self) -> None:
+    def __init__(self, store: StageStore) -> None:
+        self.store = store
         self.made: dict[Any, Any] = {}
 
     def make_for(self, object_ids: tuple[int, ...]) -> None:

@@ -56,7 +56,6 @@ def test_the_fault_that_hides_the_object_is_named(frames, plant, kind, words):
 def test_an_object_that_is_found_or_absent_has_no_finding(frames):
     assert check_by_search(frames[:1], 0.95, finder(frames[0]), None) == []
     assert check_by_search(frames[:1], 0.02, lambda _: 0.02, None) == []
-    assert check_by_search([], 0.0, lambda _: 0.9, None) == []
 
 
 def test_where_an_object_is_found_only_colours_are_tried(frames):

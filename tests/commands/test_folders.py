@@ -132,7 +132,7 @@ def test_clean_lists_and_removes_only_if_asked_to(work, outputs, monkeypatch, ca
     left = {path.relative_to(work).as_posix() for path in work.glob("*/*") if path.is_dir()}
     assert left == {f"views/{USED}", f"codebook/{USED}", "mlflow-artifacts/1"}
     store = StageStore(work)
-    assert store.holds("views", USED) and store.holds("codebook", USED)
+    assert not store.problem("views", USED) and not store.problem("codebook", USED)
     assert "kinds=whole: choose from" in fails(["clean", "kinds=whole"], capsys)
     assert "there is no folder nowhere" in fails(["clean", "work=nowhere"], capsys)
 
@@ -140,7 +140,7 @@ def test_clean_lists_and_removes_only_if_asked_to(work, outputs, monkeypatch, ca
 def test_nothing_is_removed_while_a_run_uses_the_store(work, outputs):
     pytest.importorskip("fcntl")
     store = StageStore(work)
-    assert store.holds("views", UNUSED)
+    assert not store.problem("views", UNUSED)
     with pytest.raises(InputError, match="a run is using"):
         remove(work, find_removable(work, [outputs]))
     assert (work / "views" / UNUSED).is_dir()

@@ -47,11 +47,11 @@ def test_only_entries_of_the_cache_are_removed_from_wherever_one_is(cache, monke
 
 
 def test_an_exported_copy_stands_alone(cache, tmp_path):
-    learnt_cache.export_learnt("two", tmp_path / "copy", cache)
+    learnt_cache.export_learnt(learnt_cache.find_learnt("two", cache), tmp_path / "copy")
     learnt_cache.remove_learnt("two", cache)
     assert learnt_cache.find_learnt(str(tmp_path / "copy"), cache) == tmp_path / "copy"
     with pytest.raises(ValueError, match="exists already"):
-        learnt_cache.export_learnt("bolt", tmp_path / "copy", cache)
+        learnt_cache.export_learnt(cache / "bolt", tmp_path / "copy")
 
 
 def test_by_default_it_is_the_users_cache(monkeypatch, tmp_path):

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from hlp.cli import main
-from hlp.commands.composing import config_folder
 from hlp.errors import DataError
 from hlp.runs.manifest import config_of, poses_digest, read_manifest
 
@@ -74,7 +73,7 @@ def write(folder, **changes):
 
 
 def test_settings_and_data_are_taken(tmp_path):
-    composed = json.loads(config_of(write(tmp_path), [], config_folder()))
+    composed = json.loads(config_of(write(tmp_path), []))
     assert {key: composed[key] for key in HARMLESS} == HARMLESS
 
 
@@ -82,13 +81,13 @@ def test_settings_and_data_are_taken(tmp_path):
 def test_attacks_are_refused_by_file_and_key(tmp_path, attack):
     changes, message = ATTACKS[attack]
     with pytest.raises(DataError, match=rf"manifest\.json: .*{message}"):
-        config_of(write(tmp_path, **changes), [], config_folder())
+        config_of(write(tmp_path, **changes), [])
 
 
 def test_ones_own_cluster_may_be_named(tmp_path):
     manifest = write(tmp_path, executor={"name": "dask", "address": "tcp://mine:8786"})
     own = ["executor.address=tcp://mine:8786"]
-    assert "tcp://mine" in config_of(manifest, own, config_folder())
+    assert "tcp://mine" in config_of(manifest, own)
 
 
 def test_deep_nesting_is_refused(tmp_path):
@@ -96,11 +95,11 @@ def test_deep_nesting_is_refused(tmp_path):
     for _ in range(200):
         nested = [nested]
     with pytest.raises(DataError, match="nested deeper than"):
-        config_of(write(tmp_path, data=nested), [], config_folder())
+        config_of(write(tmp_path, data=nested), [])
     path = tmp_path / "manifest.json"
     path.write_text('{"config": ' + "[" * 200_000)
     with pytest.raises(DataError, match="nested deeper than"):
-        config_of(path, [], config_folder())
+        config_of(path, [])
 
 
 def test_the_command_runs_nothing_of_it(tmp_path, monkeypatch, capsys):

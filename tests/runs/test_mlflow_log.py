@@ -37,7 +37,7 @@ def test_what_a_killed_run_left_is_removed_before_mlflow_gets_it_and_a_link_is_n
 ) -> None:
     opened = MagicMock(side_effect=ZeroDivisionError)
     monkeypatch.setattr(mlflow_log, "track_run", opened)
-    for name in ("short_name", "choice_tags", "place_tags", "experiment_tags"):
+    for name in ("short_name", "run_tags", "experiment_tags"):
         monkeypatch.setattr(mlflow_log, name, lambda *_: {})
     run = MagicMock()
     run.settings.machine.threads = 1

@@ -56,8 +56,8 @@ def test_a_folder_that_cannot_be_cleared_or_filled_is_logged(
     def fail(*_: Any) -> None:
         raise OSError("read-only")
 
-    names = {"report": "ReportData", "panels": "spread", "stages": "CAPTIONS"}
-    monkeypatch.setattr(pictures, names[folder], fail)
+    of_page = {"report": "report_data.ReportData", "stages": "report_data.CAPTIONS"}
+    monkeypatch.setattr(f"hlp.runs.pictures.{of_page.get(folder, 'spread')}", fail)
     draw(tmp_path, panels)
     words = "the report" if folder == "report" else str(tmp_path / folder)
     assert any(words in line and "could not be made" in line for line in caplog.messages)

@@ -43,7 +43,7 @@ def run_of(tmp_path, monkeypatch):
         monkeypatch.setattr(detection, "PoseEstimator", estimator)
         dataset: Any = fake_dataset()
         settings, store = SimpleNamespace(timing_frames=timing_frames), StageStore(tmp_path / work)
-        stages = DetectionStages(dataset, SETTINGS, FakeTraining(), store, KEYS)  # type: ignore[arg-type]
+        stages = DetectionStages(dataset, SETTINGS, FakeTraining(store), KEYS)  # type: ignore[arg-type]
         return SimpleNamespace(dataset=dataset, settings=settings, keys=KEYS), stages
 
     return make

@@ -38,8 +38,8 @@ def fake(monkeypatch):
 
 def stages_in(work, frames=None, **options):
     dataset = SimpleNamespace(**{**vars(fake_dataset()), "frames": frames or CountedFrames()})
-    training = FakeTraining()
-    return DetectionStages(dataset, SETTINGS, training, StageStore(work), KEYS, **options)
+    training = FakeTraining(StageStore(work))
+    return DetectionStages(dataset, SETTINGS, training, KEYS, **options)
 
 
 def events(stages, *, reused):

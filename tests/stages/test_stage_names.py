@@ -61,7 +61,7 @@ def names(settings, dataset, keys=KEYS):
     """Fingerprints of all stages' outputs by stage and object."""
     store = NothingIsMade(Path("nowhere"))
     training = TrainingStages(dataset, settings, store)
-    stages = DetectionStages(dataset, settings, training, store, keys)
+    stages = DetectionStages(dataset, settings, training, keys)
     stages.make("poses")
     for object_id in dataset.target_ids:
         training.score(object_id)

@@ -125,7 +125,7 @@ def test_what_is_damaged_is_set_aside_and_made_again(tmp_path, caplog, how):
     folder = tmp_path / "codebook" / NAME
     DAMAGE[how](folder)
     store = StageStore(tmp_path)
-    assert not store.holds("codebook", NAME)
+    assert store.problem("codebook", NAME)
     with pytest.raises(DataError, match=NAME):
         store.take("codebook", NAME, "", reused=True)
     caplog.clear()

@@ -118,8 +118,6 @@ def check_by_search(
     frames too, and more certainly if there is none: something may look like an absent object after
     some correction. It takes 20 to 40 searches.
     """
-    if not frames:
-        return []
     frame, others = frames[0], frames[1:_CONFIRMING]
     certain = _CERTAIN if others else _CERTAIN_ALONE
 

@@ -3,9 +3,8 @@
 import logging
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import hydra
 from hydra import compose, initialize_config_dir
@@ -137,13 +136,8 @@ def hydra_in_words(error: BaseException) -> str:
 
 def _all_keys() -> list[str]:
     """All keys of the default configuration, and its groups."""
+    from hlp.runs.manifest import entries
+
     GlobalHydra.instance().clear()
     plain = OmegaConf.to_container(compose_config(), resolve=False)
-    return list(_names(plain)) if isinstance(plain, dict) else []
-
-
-def _names(nested: Mapping[Any, Any], prefix: str = "") -> Iterator[str]:
-    for key, value in nested.items():
-        yield f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            yield from _names(value, f"{prefix}{key}.")
+    return [key for key, _ in entries(plain) if "[" not in key]

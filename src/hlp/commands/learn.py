@@ -5,13 +5,12 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from hlp.codebook.entries import load_codebook
 from hlp.codebook.neighbours import is_joint
 from hlp.commands import arguments as own
 from hlp.commands.composing import compose_config
-from hlp.config.build import build_settings
+from hlp.config.build import Run, build_settings
 from hlp.data.dataset import TrainingImages
 from hlp.data.file_frames import FolderSettings
 from hlp.errors import InputError, MissingFileError
@@ -25,9 +24,6 @@ from hlp.refinement.score_model import PRIOR, save_score_model
 from hlp.runs.learnt_cache import cache_folder, describe_learnt
 from hlp.stages.store import RECORD as STAGE
 from hlp.stages.store import StageStore
-
-if TYPE_CHECKING:
-    from hlp.config.build import Run
 
 _logger = logging.getLogger(__name__)
 
@@ -69,7 +65,7 @@ def learn_once(cache: Path, request: LearningRequest) -> Path:
     return learn_into(folder, request)
 
 
-def learnt_of_run(run: "Run", manifest: Path, folder: Path) -> None:
+def learnt_of_run(run: Run, manifest: Path, folder: Path) -> None:
     """Copy the networks, codebooks and scores that a manifest names into a new `folder`.
 
     They are those of the run itself, in its folder `work`; nothing is learnt again. Objects that
@@ -79,28 +75,27 @@ def learnt_of_run(run: "Run", manifest: Path, folder: Path) -> None:
     settings, known = run.settings.method, run.dataset.models
     models = {object_id: known[object_id] for object_id in run.dataset.target_ids}
     store = StageStore(Path(run.settings.work))
-    _copy_output(manifest, store, ("classifier", ""), folder / learnt_folder.CLASSIFIER)
-    _copy_output(manifest, store, ("encoder", ""), folder / learnt_folder.ENCODER)
+
+    def copy(stage: str, of: str, target: Path) -> None:
+        source = store.named_by(manifest, stage, of).folder
+        shutil.copytree(source, target, ignore=shutil.ignore_patterns(STAGE), dirs_exist_ok=True)
+
+    copy("classifier", "", folder / learnt_folder.CLASSIFIER)
+    copy("encoder", "", folder / learnt_folder.ENCODER)
     for model in models.values():
         own = folder / learnt_folder.OBJECTS / model.name
-        _copy_output(manifest, store, ("codebook", model.name), own)
+        copy("codebook", model.name, own)
         write_model(own, model)
         if not is_joint(settings.codebook):
             settings.codebook.prepare(load_codebook(own).features, settings.seed, own)
         if settings.score.scenes == 0:
             save_score_model(own, PRIOR)
         else:
-            _copy_output(manifest, store, ("score", model.name), own)
+            copy("score", model.name, own)
     ids = {model.name: object_id for object_id, model in models.items()}
     record = learnt_folder.LearntRecord(ids, tuple(sorted(known)), settings)
     learnt_folder.write_searches(folder, record)
     finish(folder, record)
-
-
-def _copy_output(manifest: Path, store: StageStore, of: tuple[str, str], target: Path) -> None:
-    """Copy the output of a stage (of an object), as a manifest names it."""
-    source = store.named_by(manifest, *of).folder
-    shutil.copytree(source, target, ignore=shutil.ignore_patterns(STAGE), dirs_exist_ok=True)
 
 
 _PLACES = ("mesh", "names", "output", "name", "work")
@@ -144,12 +139,11 @@ def learning_request(
     general = ("output=none", "~experiment", "name=learn", "data=bop", "data.root=.")
     settings = build_settings(compose_config(*general, *rest)).method
     images = own.read_group(FolderSettings, given, name="files").training_images()
-    choices = own.read_group(MeshChoices, given)
-    each = {}
+    choices = {}
     for name in names:
         single = {key.removesuffix(f".{name}"): given[key] for key in given.keys() & of_single}
-        each[name] = own.read_group(MeshChoices, {**given, **single})
-    models = build_models(dict(zip(names, paths, strict=True)), choices, 1, each)
+        choices[name] = own.read_group(MeshChoices, {**given, **single})
+    models = build_models(dict(zip(names, paths, strict=True)), choices, 1)
     return LearningRequest(models, images, settings)
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from hlp.commands import help_text
 from hlp.commands.arguments import nearest, tracking_uri
 from hlp.errors import InputError
-from hlp.files import MANIFEST, config_folder, expanded
-from hlp.method.learn.learnt_folder import LearntFolder
+from hlp.files import MANIFEST, expanded
+from hlp.method.learn.learnt_folder import LearntFolder, check_files, read_record
 from hlp.runs import learnt_cache
 from hlp.runs.learnt_cache import find_learnt
 
@@ -32,8 +32,8 @@ def objects(arguments: Sequence[str]) -> None:
             print(f"removed {learnt_cache.remove_learnt(name, cache)}")
         case ["export", name, target]:
             with _whole(name, cache, work) as folder:
-                made = learnt_cache.export_learnt(str(folder), expanded(target), cache)
-            print(f"copied to {made}")
+                learnt_cache.export_learnt(folder, expanded(target))
+            print(f"copied to {expanded(target)}")
         case ["register", name, model]:
             from hlp.runs.mlflow_log import register_learnt
 
@@ -52,7 +52,9 @@ def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
     """An undamaged folder of learnt objects: one by path or name, or of what a run has learnt."""
     manifest = expanded(given) / MANIFEST
     if not manifest.is_file():
-        yield learnt_cache.find_whole(given, cache)
+        whole = find_learnt(given, cache)
+        check_files(whole, read_record(whole))
+        yield whole
         return
     from hlp.commands.composing import compose_config  # Hydra: a second, for a run alone
     from hlp.commands.learn import learnt_of_run
@@ -60,7 +62,7 @@ def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
     from hlp.runs.manifest import check_manifest, config_of
 
     with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "config.yaml").write_text(config_of(manifest, (), config_folder()))
+        Path(folder, "config.yaml").write_text(config_of(manifest, ()))
         places = (f"work='{work or 'work'}'", "output=none")
         run = build_run(compose_config(*places, folder=Path(folder)))
         check_manifest(run, manifest)

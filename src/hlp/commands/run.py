@@ -85,7 +85,7 @@ def _repeat(arguments: Sequence[str]) -> None:
     overrides = [word for word in arguments if not word.startswith(_MANIFEST)]
     named = [word.removeprefix(_MANIFEST) for word in arguments if word.startswith(_MANIFEST)]
     manifest = expanded(named[-1])
-    config = config_of(manifest, overrides, composing.config_folder())
+    config = config_of(manifest, overrides)
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "config.yaml").write_text(config)
         again = partial(_run, manifest=manifest)

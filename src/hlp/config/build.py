@@ -7,7 +7,7 @@ import dataclasses
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
@@ -115,9 +115,7 @@ def build_settings(config: DictConfig) -> RunSettings:
 
 
 def _values(config: DictConfig) -> dict[str, Any]:
-    values = OmegaConf.to_container(config, resolve=True)
-    assert isinstance(values, dict)
-    return {str(key): value for key, value in values.items()}
+    return cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
 
 
 def check_symmetric(settings: EvaluationSettings, objects: Sequence[str]) -> None:

@@ -26,11 +26,9 @@ class TaskSettings(Protocol):
     @property
     def name(self) -> str:
         """The alternative's name."""
-        ...
 
     def run(self, run: Run, output: Path) -> None:
         """Do the task; results go into `output`."""
-        ...
 
 
 TASKS: Registry[TaskSettings] = Registry("task", "hlp.studies")

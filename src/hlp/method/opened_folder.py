@@ -176,7 +176,8 @@ class OpenedFolder:
         from hlp.method.learn.learning import add
 
         with self._lock:
-            first_id = LearntFolder(self.folder).record.next_id
+            classes = LearntFolder(self.folder).record.classes  # of removed objects, too
+            first_id = max(classes, default=0) + 1
             backgrounds = GivenBackgrounds(arguments.checked_backgrounds(background_frames))
             add(self.folder, _build_models(meshes, mesh_scale, first_id), backgrounds)
             self._open()
@@ -228,4 +229,5 @@ def _build_models(
     from hlp.method.learn.mesh_models import MeshChoices, build_models  # with trimesh
 
     choices = MeshChoices(mesh_scale=mesh_scale)
-    return build_models(arguments.checked_meshes(meshes), choices, first_id)
+    paths = arguments.checked_meshes(meshes)
+    return build_models(paths, dict.fromkeys(paths, choices), first_id)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
-from jaxtyping import Bool
 
+from hlp.arrays import Mask
 from hlp.data.dataset import Dataset, FrameSource, annotated_mask
 from hlp.errors import DataError
 from hlp.evaluation import EvaluationSettings
@@ -26,8 +26,6 @@ from hlp.progress import Progress
 from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, frame_key
 from hlp.stages.detection import DetectionStages
 from hlp.stages.trace_files import read_trace
-
-Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True)

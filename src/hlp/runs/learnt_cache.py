@@ -10,7 +10,7 @@ import platformdirs
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.files import EXAMPLE, expanded, shipped_folder
 from hlp.folders import own_files
-from hlp.method.learn.learnt_folder import RECORD, check_files, read_record
+from hlp.method.learn.learnt_folder import RECORD, read_record
 from hlp.method.learn.unfinished_folder import restore_replaced
 
 _REMOVED = ".removed-"
@@ -58,13 +58,6 @@ def find_learnt(given: str, cache: Path) -> Path:
     )
 
 
-def find_whole(given: str, cache: Path) -> Path:
-    """As `find_learnt`, for a copy. Raises DamagedError naming a file that is damaged, too."""
-    folder = find_learnt(given, cache)
-    check_files(folder, read_record(folder))
-    return folder
-
-
 def list_learnt(cache: Path) -> list[LearntEntry]:
     """Everything in the cache, by name, also what is damaged."""
     entries = []
@@ -106,16 +99,14 @@ def remove_learnt(name: str, cache: Path) -> Path:
     return folder
 
 
-def export_learnt(name: str, target: Path, cache: Path) -> Path:
+def export_learnt(source: Path, target: Path) -> None:
     """Copy learnt objects into a new folder, which appears when it is complete.
 
-    Raises InputError if it is there already, and DamagedError naming a file that is damaged.
+    Raises InputError if it is there already.
     """
-    source = find_whole(name, cache)
     if target.exists():
         raise InputError(f"{target} exists already: name a new folder")
     partial = target.absolute().with_name(f".{target.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)  # left by a call that was killed
     shutil.copytree(source, partial)
     partial.rename(target)
-    return target

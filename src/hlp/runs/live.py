@@ -132,7 +132,6 @@ class _Handler(BaseHTTPRequestHandler):
         """Requests are nobody's concern."""
 
 
-Line = Mapping[str, Any]
 _REHEARSAL_CAMERA = np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]])
 
 
@@ -197,7 +196,7 @@ def live(
     detector: Detector,
     camera: Camera,
     options: LiveOptions,
-    answer: Callable[[Line], None],
+    answer: Callable[[Mapping[str, Any]], None],
     pictures: LivePictures | None = None,
 ) -> None:
     """Answer each image of a camera until it ends.

@@ -11,13 +11,14 @@ import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
+from hlp.config.build import Run
 from hlp.data.dataset import frames_identity
 from hlp.errors import ConfigError, DataError
-from hlp.files import MANIFEST, POSES, read_csv
+from hlp.files import MANIFEST, POSES, config_folder, read_csv
 from hlp.results.poses_file import POSE_COLUMNS
 from hlp.stages.manifest import (
     code_digest,
@@ -29,11 +30,8 @@ from hlp.stages.manifest import (
 )
 from hlp.stages.store import StageStore
 
-if TYPE_CHECKING:
-    from hlp.config.build import Run
 
-
-def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
+def make_manifest(run: Run, store: StageStore) -> dict[str, Any]:
     """Everything needed to tell whether two results were made in the same way.
 
     Another processor or another build of a library may change the last bits of a result. They are
@@ -48,7 +46,7 @@ def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
     }
 
 
-def made_from(run: "Run") -> dict[str, Any]:
+def made_from(run: Run) -> dict[str, Any]:
     """Everything that affects a result: versions, code, seed, configuration, data."""
     dataset = run.dataset
     return {
@@ -67,7 +65,7 @@ def made_from(run: "Run") -> dict[str, Any]:
     }
 
 
-def is_finished(run: "Run", output: Path) -> bool:
+def is_finished(run: Run, output: Path) -> bool:
     """Whether a folder holds the complete result of this run, made by this code from this data.
 
     The name of the folder does not matter. Raises DataError for a broken manifest.
@@ -90,13 +88,12 @@ def poses_digest(path: Path) -> str:
 _NAME = re.compile(r"[\w][\w .+-]*")
 
 
-def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> str:
+def config_of(manifest: Path, overrides: Sequence[str]) -> str:
     """A `config.yaml` for Hydra with all of a manifest's values.
 
-    `configuration` is the folder of HLP's configuration. Hydra's part and the places where a run is
-    stored (work, output, reporting but for what it is about) come from there. Raises what
-    `read_manifest` and `check_harmless` raise, and ConfigError for an override that chooses another
-    file of a group: the manifest's is fixed.
+    Hydra's part and the places where a run is stored (work, output, reporting but for what it is
+    about) come from HLP's own. Raises what `read_manifest` and `check_harmless` raise, and
+    ConfigError for an override that chooses another file of a group: the manifest's is fixed.
     """
     config = read_manifest(manifest)["config"]
     check_harmless(config, manifest, overrides)
@@ -106,8 +103,8 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
             raise ConfigError(
                 f"{override}: {manifest} fixes {key}; only keys in it can be set ({key}.KEY=VALUE)"
             )
-    own = yaml.safe_load((configuration / "config.yaml").read_text())
-    reporting = yaml.safe_load((configuration / "reporting" / "mlflow.yaml").read_text())
+    own = yaml.safe_load((config_folder() / "config.yaml").read_text())
+    reporting = yaml.safe_load((config_folder() / "reporting" / "mlflow.yaml").read_text())
     given = config.get("reporting")
     if isinstance(given, dict) and isinstance(given.get("about"), str):
         reporting["about"] = given["about"]
@@ -115,7 +112,7 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
     return json.dumps({"defaults": ["_self_"], **config, **where, "hydra": own["hydra"]})
 
 
-def run_again(run: "Run", manifest: Path, output: Path) -> None:
+def run_again(run: Run, manifest: Path, output: Path) -> None:
     """Run the task again, and say whether the poses are the same as those of the manifest's run.
 
     Raises DataError if the data are not those of the manifest.
@@ -131,7 +128,7 @@ def run_again(run: "Run", manifest: Path, output: Path) -> None:
         logging.getLogger(__name__).warning("Repeated  NOT the same poses as in %s", manifest)
 
 
-def check_manifest(run: "Run", manifest: Path) -> None:
+def check_manifest(run: Run, manifest: Path) -> None:
     """Raise DataError if the data are not those of the manifest; warn of what else differs.
 
     The message names the data that differ: models, frames, photographs, … Other code, versions,
@@ -162,7 +159,7 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
     The address of a cluster is accepted if it is among the overrides too, with any value.
     """
     own_cluster = any(given.startswith("executor.address=") for given in overrides)
-    for key, value in _entries(config):
+    for key, value in entries(config):
         last, text = key.rpartition(".")[2], value if isinstance(value, str) else "name"
         refused = {
             "a manifest holds no configuration of Hydra": key in ("hydra", "defaults"),
@@ -179,7 +176,7 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
                 raise DataError(f"{manifest}: config.{key} is {str(value)[:100]!r}: {why}")
 
 
-def _entries(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+def entries(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     """All keys, joined by dots, and their values, those of lists too."""
     if key:
         yield key, value
@@ -189,4 +186,4 @@ def _entries(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     elif isinstance(value, list):
         items = {f"{key}[{place}]": item for place, item in enumerate(value)}
     for name, item in items.items():
-        yield from _entries(item, name)
+        yield from entries(item, name)

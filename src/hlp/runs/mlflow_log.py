@@ -54,7 +54,7 @@ def begun(
         settings.reporting,
         name,
         run.config,
-        {**choice_tags(chosen.groups), **place_tags(output)},
+        run_tags(chosen.groups, output),
         resume,
         params=chosen.overrides,
         page=experiment_tags(settings.reporting.about, chosen.command, data),
@@ -66,16 +66,12 @@ def begun(
             yield StageStore(Path(settings.work)), tracker
 
 
-def choice_tags(groups: Mapping[str, str]) -> dict[str, str]:
-    """The alternative of each config group as a tag, e.g. `refinement: icp`."""
-    return {group: name for group, name in groups.items() if group not in _UNTAGGED}
-
-
-def place_tags(output: Path) -> dict[str, str]:
-    """Where a run happens: commit, machine, folder of the results."""
-    revision = git_revision()
+def run_tags(groups: Mapping[str, str], output: Path) -> dict[str, str]:
+    """What a run is of (the alternative of each group, e.g. `refinement: icp`) and where it is."""
+    tags = {group: name for group, name in groups.items() if group not in _UNTAGGED}
     machine = f"{platform.node()}, {os.cpu_count()} cores, {platform.system()}"
-    tags = {"machine": machine, "output": str(output.absolute())}
+    tags |= {"machine": machine, "output": str(output.absolute())}
+    revision = git_revision()
     return tags if revision is None else {**tags, REVISION: revision}
 
 

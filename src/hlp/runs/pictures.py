@@ -28,15 +28,7 @@ from hlp.reporting.figures.stage_figures import (
     view_sheet,
     viewpoint_figure,
 )
-from hlp.reporting.page.report_data import (
-    CAPTIONS,
-    FOLDER,
-    PANELS,
-    STAGES,
-    ReportData,
-    keep_target,
-    wires_of,
-)
+from hlp.reporting.page import report_data
 from hlp.results.recalls import TargetKey, numbered_targets
 from hlp.runs.stage_samples import FrameResults, entries_on_target, sample_windows, swarms_of_target
 from hlp.stages.detection import DetectionStages
@@ -50,7 +42,6 @@ tenths of a second and 0.2 MB."""
 Scored = Mapping[str, Sequence[TargetScore]]
 """The scores of each frame that could be used, in the order of its targets."""
 _TARGETS = 6  # whose patches and swarms are drawn
-_PATCHES = 2  # of a target
 
 
 def draw_pictures(
@@ -72,9 +63,9 @@ def draw_pictures(
             scored.setdefault(key, []).append(score)
     pictures = _Pictures(run, detection, estimates, scored, output)
     if run.settings.panels > 0:
-        with _logged(f"the pictures in {output / PANELS}"):
+        with _logged(f"the pictures in {output / report_data.PANELS}"):
             pictures.draw_frames()
-        with _logged(f"the pictures in {output / STAGES}"):
+        with _logged(f"the pictures in {output / report_data.STAGES}"):
             pictures.draw_stages()
     with _logged(f"the pictures of the report in {output}"):
         pictures.keep_report_data({score.object_id for score in scores})
@@ -129,7 +120,7 @@ class _Pictures:
 
     def draw_frames(self) -> None:
         """All poses of some frames, spread evenly, and the panels of one target of each in turn."""
-        folder = self._output / PANELS
+        folder = self._output / report_data.PANELS
         for key, place in Progress(self._drawn, "pictures", unit="frame"):
             with _logged(f"a picture in {folder}"):
                 folder.mkdir(parents=True, exist_ok=True)
@@ -140,7 +131,7 @@ class _Pictures:
 
     def draw_stages(self) -> None:
         """What each stage works with, in place of what was there."""
-        folder = self._output / STAGES
+        folder = self._output / report_data.STAGES
         for old in folder.glob("*.jpg"):
             old.unlink()
         draws: dict[str, Callable[[], Figure | None]] = {
@@ -150,7 +141,7 @@ class _Pictures:
             "nearest_entries": self._nearest_entries,
             "swarm_costs": self._swarms,
         }
-        assert draws.keys() == CAPTIONS.keys()
+        assert draws.keys() == report_data.CAPTIONS.keys()
         for name, draw in Progress(draws.items(), "pictures of stages", unit="picture"):
             with _logged(f"a picture in {folder}"):
                 figure = draw()
@@ -174,10 +165,8 @@ class _Pictures:
         return training_sheet(images, labels, names)
 
     def _nearest_entries(self) -> "Figure | None":
-        entries = []
-        for key, place in self._drawn[:_TARGETS]:
-            found, seen = self._seen(key, place)
-            entries += entries_on_target(self._training, found, seen.truth, _PATCHES)
+        targets = (self._seen(key, place)[1] for key, place in self._drawn[:_TARGETS])
+        entries = [patch for seen in targets for patch in entries_on_target(self._training, seen)]
         return entries_sheet(entries) if entries else None
 
     def _swarms(self) -> "Figure | None":
@@ -188,16 +177,16 @@ class _Pictures:
 
     def keep_report_data(self, object_ids: set[int]) -> None:
         """What the run's page shows beside its results: objects, pictures and scenes."""
-        for old in (self._output / FOLDER).glob("*.jpg"):
+        for old in (self._output / report_data.FOLDER).glob("*.jpg"):
             old.unlink()
         targets = []
         chosen = page_targets(self._scored) if self._run.settings.panels > 0 else []
         for key, frame, place in Progress(chosen, "pictures of targets", unit="target"):
             _, seen = self._seen(frame, place)
-            targets.append(keep_target(self._output, key, draw_panels(seen), seen))
+            targets.append(report_data.keep_target(self._output, key, draw_panels(seen), seen))
         models = (self._detection.dataset.models[i] for i in sorted(object_ids))
-        objects = {model.name: wires_of(model) for model in models}
-        ReportData(objects, targets).write(self._output)
+        objects = {model.name: report_data.wires_of(model) for model in models}
+        report_data.ReportData(objects, targets).write(self._output)
 
 
 def page_targets(scored: Scored) -> list[tuple[TargetKey, str, int]]:

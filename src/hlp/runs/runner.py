@@ -103,7 +103,7 @@ def _search_empty(run: Run, detection: DetectionStages) -> list[float]:
         return []
     keys, settings = dataset.frames.keys, run.settings
     _logger.info("%d frames that show none of the objects are searched", len(keys))
-    of = dataset, settings.method, detection.training, detection.store, keys
+    of = dataset, settings.method, detection.training, keys
     stages = DetectionStages(*of, on_bad_frame=settings.on_bad_frame)
     return scores_in_vain([], stages.estimates())
 
@@ -176,7 +176,6 @@ def stages_of(run: Run, store: StageStore, on_bad_frame: OnBadFrame = "fail") ->
         run.dataset,
         settings.method,
         training,
-        store,
         run.keys,
         settings.executor,
         on_bad_frame,

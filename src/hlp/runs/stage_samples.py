@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from hlp.arrays import spread
+from hlp.arrays import Pose, spread
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
@@ -37,6 +37,7 @@ from hlp.runs.diagnosis import visible_pixels
 from hlp.stages.detection import DetectionStages
 from hlp.stages.training import TrainingStages
 
+_PATCHES = 2  # of a target
 _ENTRIES = 5  # of a patch
 _SWARMS = 5  # of a target
 # In place of the settings' pools, which take half a minute.
@@ -73,9 +74,7 @@ class FrameResults:
         apart = [float(np.linalg.norm(found - place)) for _, found in posed]
         return posed[int(np.argmin(apart))][0] if posed else None
 
-    def coarse(
-        self, object_id: int, estimate: PoseEstimate | None
-    ) -> Float[np.ndarray, "4 4"] | None:
+    def coarse(self, object_id: int, estimate: PoseEstimate | None) -> Pose | None:
         """The coarse pose that became the estimate; without an estimate the best one.
 
         None if there is none: the fallback finds poses without any.
@@ -131,22 +130,18 @@ def sample_windows(
     return windows.numpy(), labels.numpy()
 
 
-def entries_on_target(
-    training: TrainingStages, found: FrameResults, target: Target, count: int
-) -> list[PatchEntries]:
-    """Up to `count` of the patches that lie on a target and voted for its object.
+def entries_on_target(training: TrainingStages, seen: SeenTarget) -> list[PatchEntries]:
+    """Some of the patches that lie on a target and voted for its object.
 
     Each with the entries of the object that are nearest to it.
     """
-    model, frame = training.models[target.object_id], found.frame
+    model, frame, target = seen.model, seen.frame, seen.truth
     local = training.settings.patches.local
     size = local.side_of(model.local_size)
-    votes = found.trace[target.object_id].votes
-    voted = np.zeros((0, 2)) if votes is None else votes.pixels
-    pixels = np.unique(voted, axis=0).astype(np.int64).reshape(-1, 2)
+    pixels = np.unique(seen.votes.pixels, axis=0).astype(np.int64).reshape(-1, 2)
     visible = visible_pixels(training.dataset.frames, frame, target, model)
     pixels = pixels[visible[pixels[:, 1], pixels[:, 0]]]
-    count = min(count, len(pixels))
+    count = min(_PATCHES, len(pixels))
     if count == 0:
         return []
     pixels = pixels[[(2 * i + 1) * len(pixels) // (2 * count) for i in range(count)]]
@@ -154,8 +149,8 @@ def entries_on_target(
     patches = cut_local_patches(*image, pixels, size, local, 0.0)
     codebook, views = training.load_codebook(model.object_id), training.load_views(model.object_id)
     encoder = training.load_encoder()  # the patches have colour, whether or not it takes that
-    seen = patches if encoder.sees_color else replace(patches, color=patches.color[..., :0])
-    matches = ExactNeighbours(codebook.features, _ENTRIES).search(encoder.encode(seen))
+    given = patches if encoder.sees_color else replace(patches, color=patches.color[..., :0])
+    matches = ExactNeighbours(codebook.features, _ENTRIES).search(encoder.encode(given))
     true_places = transform(inverse(target.pose_cam_obj), patches.points_cam)
     shown = []
     for row, entries in enumerate(matches.indices):
@@ -225,7 +220,7 @@ def swarms_of_target(
     assert isinstance(settings, PsoSettings)  # of others, no search can be repeated
     observed = _observation(settings, found)
 
-    def own_cost(pose_cam_obj: Float[np.ndarray, "4 4"]) -> float:
+    def own_cost(pose_cam_obj: Pose) -> float:
         """In a search that starts from the pose: others may look at another place."""
         cost = cost_around(seen.model, observed, pose_cam_obj, settings.cost)
         return float(cost.evaluate(pose_cam_obj[None])[0])

@@ -23,7 +23,7 @@ from hlp.records import Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.manifest import device_name, fingerprint, stage_code
-from hlp.stages.store import Output, StageStore
+from hlp.stages.store import Output
 from hlp.stages.trace_files import has_arrays, read_trace, write_failure, write_trace
 from hlp.stages.training import TrainingStages
 
@@ -61,7 +61,6 @@ class DetectionStages:
         dataset: Dataset,
         settings: MethodSettings,
         training: TrainingStages,
-        store: StageStore,
         keys: tuple[str, ...],
         executor: ExecutorSettings | None = None,
         on_bad_frame: OnBadFrame = "fail",
@@ -69,7 +68,7 @@ class DetectionStages:
     ) -> None:
         self.dataset, self.settings = dataset, settings
         self.find_settings = FindSettings.of(settings)
-        self.training, self.store, self.keys = training, store, keys
+        self.training, self.store, self.keys = training, training.store, keys
         self.executor, self.on_bad_frame = executor, on_bad_frame
         self.bad_frames = dict(bad_frames or {})
         self.failed = dict(self.bad_frames)

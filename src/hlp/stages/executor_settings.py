@@ -40,10 +40,6 @@ class ExecutorSettings(Protocol):
     """Whether there are workers; otherwise the run's own process does the work."""
 
     @property
-    def name(self) -> str:
-        """The alternative's name."""
-
-    @property
     def threads(self) -> int:
         """Threads of each worker, in place of `machine.threads`."""
 

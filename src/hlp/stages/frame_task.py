@@ -75,12 +75,10 @@ class Worker:
                 raise DataError(
                     f"the worker on {host} does not have the same {', '.join(other)} as the run"
                 )
-            store = StageStore(self.work)
-            training = TrainingStages(dataset, self.settings, store)
+            training = TrainingStages(dataset, self.settings, StageStore(self.work))
             training.made.update(self.learnt)
-            kept = DetectionStages(
-                dataset, self.settings, training, store, (), on_bad_frame=self.on_bad_frame
-            )
+            of = dataset, self.settings, training, ()
+            kept = DetectionStages(*of, on_bad_frame=self.on_bad_frame)
             _KEPT.detection, _KEPT.worker = kept, self
         return kept
 

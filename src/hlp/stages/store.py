@@ -97,11 +97,11 @@ class StageStore:
         the object in log and events. Raises what the block raises, with a note of the folder.
         """
         folder = self.root / stage / fingerprint
-        if self._problem(stage, fingerprint):
+        if self.problem(stage, fingerprint):
             folder.parent.mkdir(parents=True, exist_ok=True)
             self._hold_in_use()
             with _only_one(folder):
-                if problem := self._problem(stage, fingerprint):  # by now
+                if problem := self.problem(stage, fingerprint):  # by now
                     if os.path.lexists(folder):
                         _put_aside(folder, problem)
                     with self._making(folder, description) as partial:
@@ -111,11 +111,7 @@ class StageStore:
         self._note(folder, of, reused=True)
         yield folder, True
 
-    def holds(self, stage: str, fingerprint: str) -> bool:
-        """Whether an output is finished and undamaged."""
-        return not self._problem(stage, fingerprint)
-
-    def _problem(self, stage: str, fingerprint: str) -> str:
+    def problem(self, stage: str, fingerprint: str) -> str:
         """Why an output cannot be used; empty if it is finished and undamaged."""
         try:
             self.read_record(stage, fingerprint)

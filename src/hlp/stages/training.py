@@ -87,7 +87,7 @@ class TrainingStages:
     def missing_views(self) -> list[int]:
         """Objects whose views are not on disk."""
         names = {i: fingerprint("views", self._views_description(i)) for i in self.models}
-        return [i for i, name in names.items() if not self.store.holds("views", name)]
+        return [i for i, name in names.items() if self.store.problem("views", name)]
 
     def take_views(self, object_id: int) -> None:
         """Use views that a worker of this run has just written."""

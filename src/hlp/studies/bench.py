@@ -1,5 +1,6 @@
 """Time and memory of each part of detection, and of other settings on the same frames."""
 
+import resource
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,7 +32,6 @@ from hlp.studies.bench_times import (
     TimedDetection,
     describe_machine,
     load_timed,
-    peak_mib,
     share_of_same,
     summarise_path,
 )
@@ -124,7 +124,8 @@ def _make_estimators(
         loading = load_timed(estimators[name], objects)
         _detect_all(estimators[name], frame, tuple(dataset.instances_to_find(frame)))
         if name == CONFIGURED:
-            loaded, peak = loading, peak_mib()
+            loaded = loading
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
     return estimators, loaded, peak
 
 

@@ -2,7 +2,6 @@
 
 import os
 import platform
-import resource
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -72,11 +71,6 @@ class TimedDetection:
     place: int
     spent: Mapping[str, Spent]
 
-    @property
-    def frame(self) -> tuple[int, int]:
-        """Scene and frame."""
-        return self.estimate.scene_id, self.estimate.frame_id
-
 
 def summarise_path(
     detections: Sequence[TimedDetection], scores: Sequence[TargetScore]
@@ -105,7 +99,8 @@ def _milliseconds(detections: Sequence[TimedDetection], clock: str) -> pd.DataFr
             for found in detections
         ],
         pd.MultiIndex.from_tuples(
-            [(*found.frame, found.place) for found in detections], names=["scene", "frame", "place"]
+            [(own.estimate.scene_id, own.estimate.frame_id, own.place) for own in detections],
+            names=["scene", "frame", "place"],
         ),
     )
     stages = {
@@ -172,8 +167,3 @@ def describe_machine(settings: RunSettings) -> dict[str, Any]:
         "threads": settings.machine.threads,
         "load": round(os.getloadavg()[0], 2),
     }
-
-
-def peak_mib() -> float:
-    """Peak resident memory of this process (MiB)."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from jaxtyping import Float
 
-from hlp.arrays import spread
+from hlp.arrays import Pose, spread
 from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.data.dataset import annotated_mask
@@ -36,7 +35,6 @@ from hlp.stages.trace_files import read_arrays
 from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
 
 Cell = tuple[str, str]
-Pose = Float[np.ndarray, "4 4"]
 CELLS: tuple[Cell, ...] = (
     ("estimated", "estimated"),
     ("true", "estimated"),
@@ -190,14 +188,10 @@ def summarise_oracle(
         per_object = {name: recall(group) for name, group in by_object(found, names).items()}
         of_all = {"region": region, "coarse": coarse, "add": recall(found)}
         cells.append({**of_all, "per_object": per_object})
-    recalls = [found["add"]["recall"] for found in cells]
-    return {"cells": cells, "lost": _lost(dict(zip(scores, recalls, strict=True)))}
-
-
-def _lost(right: Mapping[Cell, float]) -> dict[str, float]:
-    """What each stage lost of the recall."""
-    return {
+    right = {(found["region"], found["coarse"]): found["add"]["recall"] for found in cells}
+    lost = {
         "region": right["true", "estimated"] - right["estimated", "estimated"],
         "coarse pose": right["true", "true"] - right["true", "estimated"],
         "fine pose": 1.0 - right["true", "true"],
     }
+    return {"cells": cells, "lost": lost}

@@ -58,7 +58,7 @@ class SweepCallback(Callback):
 
 def _open_sweep(config: DictConfig) -> None:
     from hlp.reporting.sweeps import short_key
-    from hlp.runs.mlflow_log import choice_tags, place_tags
+    from hlp.runs.mlflow_log import run_tags
     from hlp.studies.forecast import say_forecast
 
     folder = Path(config.hydra.sweep.dir).absolute()
@@ -74,7 +74,7 @@ def _open_sweep(config: DictConfig) -> None:
             settings,
             f"sweep of {', '.join(short_key(key) for key in swept) or 'nothing'}",
             {"sweep": " ".join(overrides), "output": str(folder)},
-            {**choice_tags(groups_of(config.hydra)), **place_tags(folder), "command": command},
+            {**run_tags(groups_of(config.hydra), folder), "command": command},
             _read(folder).get("run_id"),
             params=overrides_of(overrides),
             page=experiment_tags(settings.about, command, data),
@@ -124,7 +124,7 @@ def run_one(config: DictConfig) -> None:
     """
     from hlp.config import build
     from hlp.runs.manifest import is_finished
-    from hlp.runs.mlflow_log import choice_tags, place_tags
+    from hlp.runs.mlflow_log import run_tags
     from hlp.studies.forecast import say_forecast
 
     hydra = HydraConfig.get()
@@ -145,11 +145,8 @@ def run_one(config: DictConfig) -> None:
         try:
             run = build.build_run(config, chosen)
         except Exception:  # recorded, and raised again
-            whole = OmegaConf.to_container(config, resolve=False)
-            assert isinstance(whole, dict)
-            values = {str(key): value for key, value in whole.items()}
-            tags = {**choice_tags(chosen.groups), **place_tags(output)}
-            with track_run(_tracking(config), name, values, tags):
+            values = cast(dict[str, Any], OmegaConf.to_container(config, resolve=False))
+            with track_run(_tracking(config), name, values, run_tags(chosen.groups, output)):
                 raise
         if is_finished(run, output):
             logging.getLogger(__name__).info("finished already: %s in %s", name, output)

@@ -72,6 +72,7 @@ def test_learning_warns_of_each_object_at_its_own_distance(tmp_path, caplog) -> 
     trimesh.creation.box((100, 60, 8)).export(plate)
     meshes = {"near": plate, "far": plate}
     with caplog.at_level(logging.WARNING):
-        build_models(meshes, MeshChoices(farthest_mm=600.0), 1, {"far": MeshChoices()})
+        near, far = MeshChoices(farthest_mm=600.0), MeshChoices()
+        build_models(meshes, {"near": near, "far": far}, 1)
     (warning,) = caplog.messages
     assert warning.startswith("far: warning: it is 8 mm thick")

@@ -64,11 +64,6 @@ class LearntRecord(Stored):
     settings: MethodSettings
     files: dict[str, str] = field(default_factory=dict)
 
-    @property
-    def next_id(self) -> int:
-        """An id that no object has or had before."""
-        return max(self.classes, default=0) + 1
-
 
 def write_record(folder: Path, record: LearntRecord) -> None:
     """Write `learnt.json`. It is written last: a folder with one is complete."""

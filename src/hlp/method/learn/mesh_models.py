@@ -59,16 +59,12 @@ class MeshChoices(Settings):
 
 
 def build_models(
-    meshes: Mapping[str, Path],
-    choices: MeshChoices,
-    first_id: int,
-    own_choices: Mapping[str, MeshChoices] | None = None,
+    meshes: Mapping[str, Path], choices: Mapping[str, MeshChoices], first_id: int
 ) -> dict[int, ObjectModel]:
     """Object models of mesh files by id, numbered from `first_id` in the order given.
 
-    `own_choices` are those of single meshes by name, in place of `choices`.
-
-    Raises InputError for a name that cannot name a folder, and the errors of loading a mesh.
+    Meshes and choices are by the objects' names. Raises InputError for a name that cannot name a
+    folder, and the errors of loading a mesh.
     """
     if not meshes:
         raise InputError("no mesh is given: name one at least, {'bracket': 'bracket.ply'}")
@@ -79,7 +75,7 @@ def build_models(
             raise InputError(
                 f"object name {name!r}: use up to 80 letters, digits, blanks and _ . + -"
             )
-        own = (own_choices or {}).get(name, choices)
+        own = choices[name]
         sizes = ObjectSettings(object_id, own.holistic_size_mm, own.local_size_mm)
         stated = np.eye(4)[None] if own.symmetries == "none" else None
         model = build_object_model(
