@@ -207,9 +207,9 @@ def _times_panel(
 
 
 def recall_bar(metric: Mapping[str, Any]) -> Bar:
-    """A recall of `summary.json` with its interval, which older ones lack for objects."""
-    recall, ends = float(metric["recall"]), metric.get("ci95")
-    return Bar(recall, f"{recall:.3f}", (float(ends[0]), float(ends[1])) if ends else None)
+    """A recall of `summary.json` with its interval."""
+    recall, (low, high) = float(metric["recall"]), metric["ci95"]
+    return Bar(recall, f"{recall:.3f}", (float(low), float(high)))
 
 
 def object_bars(summary: Mapping[str, Any]) -> "Figure":

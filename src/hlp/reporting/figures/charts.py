@@ -49,7 +49,7 @@ def visibility_bars(targets: Targets) -> "Figure | None":
 
 def timing_bars(summary: Mapping[str, Any]) -> "Figure | None":
     """Median and 95th percentile of each stage's time for one object in one frame (ms)."""
-    times = {k: v for k, v in summary["timing_ms"].items() if v.get("median") is not None}
+    times = {k: v for k, v in summary["timing_ms"].items() if v["median"] is not None}
     if not times:
         return None
     bars = []

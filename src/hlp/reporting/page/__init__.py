@@ -78,13 +78,13 @@ def run_verdict(summary: Mapping[str, Any]) -> str:
     low, high = add["ci95"]
     words = f"{right} of {targets} targets have a right pose: ADD(-S) {add['recall']:.3f}"
     words += f" (95 % interval {low:.3f} to {high:.3f})"
-    total = summary["waterfall"].get("total", summary["waterfall"])
-    lost = {name: count for name, count in total.items() if name != CORRECT and count}
+    total = summary["waterfall"]["total"].items()
+    lost = {name: count for name, count in total if name != CORRECT and count}
     if lost:
         cause = max(lost, key=lambda name: lost[name])
         share = f"{lost[cause]} of {sum(lost.values())}"
         words += f"; most misses come from “{cause.replace('_', ' ')}” ({share})"
-    time = summary["timing_ms"].get("total", {}).get("median")
+    time = summary["timing_ms"]["total"]["median"]
     if time is not None:
         words += f"; an object takes {time:.0f} ms"
     return words + "."

@@ -81,11 +81,9 @@ def _metrics(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         metric = summary["metrics"][key]
         low, high = metric["ci95"]
         shown.append((label, f"{metric['recall']:.3f}", f"{low:.3f} to {high:.3f}"))
-    average = summary.get("bop", {}).get("ar")
-    if average is not None:
+    if (average := summary["bop"]["ar"]) is not None:
         shown.append(("BOP's AR", f"{average:.3f}", "mean of VSD, MSSD, MSPD"))
-    time = summary["timing_ms"].get("total", {}).get("median")
-    if time is not None:
+    if (time := summary["timing_ms"]["total"]["median"]) is not None:
         shown.append(("time", f"{time:.0f} ms", "an object in a frame, median"))
     return shown
 
