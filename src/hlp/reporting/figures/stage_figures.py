@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hlp.arrays import Rgb
+from hlp.arrays import Rgb, spread
 from hlp.records import MILLIMETRES_PER_METRE, LocalPatches, Views
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def view_sheet(views: Mapping[str, Views]) -> "Figure":
     """Views of each object, by its name, spread evenly over all of them."""
     rows = {}
     for name, rendered in views.items():
-        chosen = _spread(np.arange(len(rendered)), _VIEWS)
+        chosen = [*spread(range(len(rendered)), _VIEWS)]
         seen = rendered.depth[chosen] > 0
         rows[name] = [*np.where(seen[..., None], np.asarray(rendered.rgb)[chosen], _BACK)]
     return _sheet([*rows], [*rows.values()], "Some of the views, each under another light")
@@ -74,7 +74,7 @@ def training_sheet(
     rows = []
     for label in range(len(names)):
         tiles = []
-        for image in images[_spread(np.flatnonzero(labels == label), _WINDOWS)]:
+        for image in spread(images[labels == label], _WINDOWS):
             color = np.rint(127.5 * (np.clip(image[:3], -1.0, 1.0) + 1.0)).astype(np.uint8)
             shown = [color.transpose(1, 2, 0)]
             if len(image) == 4:
@@ -120,11 +120,6 @@ def depth_tile(depth: Float[np.ndarray, "p p"], valid: Bool[np.ndarray, "p p"]) 
     levels = np.rint(127.5 * (1.0 - np.clip(depth, -1.0, 1.0))).astype(np.uint8)
     colors = cv2.cvtColor(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB)
     return np.where(valid[..., None], colors, NOTHING).astype(np.uint8)
-
-
-def _spread(items: Int[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
-    count = min(most, len(items))
-    return items[[i * len(items) // count for i in range(count)]]
 
 
 def _sheet(
