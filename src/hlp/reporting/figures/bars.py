@@ -174,7 +174,7 @@ def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
         for summary in summaries
     ]
     title = "ms an object and frame, median, by stage"
-    return [*panels, _times_panel(title, medians, "total", loads_in_words(summaries))]
+    return [*panels, _times_panel(title, medians, loads_in_words(summaries))]
 
 
 def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -187,16 +187,16 @@ def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _times_panel(
-    title: str, medians: Sequence[Mapping[str, float | None]], whole: str, loads: Sequence[str] = ()
+    title: str, medians: Sequence[Mapping[str, float | None]], loads: Sequence[str] = ()
 ) -> Panel:
     """Stages one after another, shared out so that they end at the median of the whole.
 
-    Medians of stages do not add up to it. `whole` is its name among them. `loads` stand behind it.
+    Medians of stages do not add up to it. `loads` stand behind it.
     """
     rows, totals = [], []
     for found in medians:
         known = {stage: median for stage, median in found.items() if median is not None}
-        total = known.pop(whole, sum(known.values()))
+        total = known.pop(TOTAL, sum(known.values()))
         scale = total / (sum(known.values()) or 1.0)
         rows.append({stage: Bar(scale * time) for stage, time in known.items()})
         totals.append(format_ms(total))
@@ -244,7 +244,7 @@ def bench_bars(result: Mapping[str, Any]) -> "Figure":
         for times in timed.values()
     ]
     title = "ms, medians of a frame's first object, of further ones, of whole frames"
-    return draw_bars([*timed], [_times_panel("", medians, TOTAL)], title)
+    return draw_bars([*timed], [_times_panel("", medians)], title)
 
 
 def stacked_bars(waterfall: Mapping[str, Any]) -> "Figure":
