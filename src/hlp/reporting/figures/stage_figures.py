@@ -139,12 +139,8 @@ def _sheet(
     edges = ((0, _GAP), (0, _GAP), (0, 0))
     framed = [[np.pad(t, edges, constant_values=_DARK) for t in tiles] for tiles in rows]
     height, width, _ = next(tile.shape for tiles in framed for tile in tiles)
-    most = max(map(len, framed))
-    picture = np.full((len(rows) * height, most * width, 3), _DARK, dtype=np.uint8)
-    for row, tiles in enumerate(framed):
-        for column, tile in enumerate(tiles):
-            left = column * width
-            picture[row * height : (row + 1) * height, left : left + width] = tile
+    most, empty = max(map(len, framed)), np.full((height, width, 3), _DARK, dtype=np.uint8)
+    picture = np.vstack([np.hstack([*t, *[empty] * (most - len(t))]) for t in framed])
     size = (_TILE * most * width / height + 2.5, _TILE * len(rows) + 1.0)
     figure = Figure(figsize=size, layout="constrained")
     ax = figure.subplots()
