@@ -2,14 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
-from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars, loads_in_words
 from hlp.reporting.results import Result
 from hlp.reporting.study_tables import format_ms
@@ -164,16 +162,6 @@ def _figure(height: float, width: float = 6.0) -> tuple["Figure", "Axes"]:
 FRONT = "Pareto front"
 Point = tuple[float, float]
 """Time (ms) and recall."""
-
-
-def draw_trade_off(folder: Path, runs: Sequence[Result], swept: Sequence[str]) -> list[Path]:
-    """Write recall_by_time.png and .svg of a sweep's finished runs; those files.
-
-    Empty if fewer than two runs are finished.
-    """
-    if len(runs) < 2:
-        return []
-    return save_figure(recall_by_time(runs, swept), folder / "recall_by_time")
 
 
 def _time_axes(points: Sequence[Point], end: float, title: str) -> tuple["Figure", "Axes"]:
