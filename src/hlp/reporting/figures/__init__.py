@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def new_figure(width: float, height: float) -> "Figure":
+    """An empty figure of that size (inches), whose parts make room for each other."""
+    from matplotlib.figure import Figure  # takes long to import
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
 def save_jpeg(figure: "Figure", path: Path) -> None:
     """Write a figure as a JPEG. Raises OSError for a path that cannot be written."""
     figure.savefig(path, dpi=110, pil_kwargs={"quality": 88, "optimize": True})

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hlp.reporting.figures import new_figure
 from hlp.reporting.study_tables import TIMED, TOTAL, format_ms
 from hlp.reporting.summary_tables import METRIC_LABELS, paper_recalls, run_cells
 from hlp.results.recalls import CORRECT
@@ -86,13 +87,11 @@ def draw_bars(
     marked: Collection[int] = (),
 ) -> "Figure":
     """The panels side by side, the first row at the top; the `marked` rows have a band."""
-    from matplotlib.figure import Figure
-
     most = max(1 if panel.stacked else len(panel.series) for panel in panels)
     legends = max(len(panel.series) + len(panel.published) for panel in panels)
     height = _BAR * len(rows) * (most + 0.7) + 1.4 + 0.13 * legends + 0.4 * bool(note)
     width = max(_PANEL * len(panels) + 1.2, 6.0)
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = new_figure(width, height)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, panel in zip(axes, panels, strict=True):
         _draw_panel(ax, panel, len(rows))

@@ -8,6 +8,7 @@ import numpy as np
 
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
+from hlp.reporting.figures import new_figure
 from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars, loads_in_words
 from hlp.reporting.results import Result
 from hlp.reporting.study_tables import format_ms
@@ -149,9 +150,7 @@ def error_by_distance(
 
 
 def _figure(height: float, width: float = 6.0) -> tuple["Figure", "Axes"]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = new_figure(width, height)
     ax = figure.subplots()
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(axis="y", alpha=0.3)
@@ -233,9 +232,7 @@ def calibration_figure(calibration: Mapping[str, Any]) -> "Figure":
 
     `calibration` is the part of that name in `summary.json`, of one or more answers.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 3.8), layout="constrained")
+    figure = new_figure(8.0, 3.8)
     left, right = figure.subplots(1, 2)
     most = max(row[0] for row in calibration["reliability"])
     left.plot([0, 1], [0, 1], color="0.6", linewidth=1)

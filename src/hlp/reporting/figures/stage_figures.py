@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from hlp.arrays import Rgb, spread
 from hlp.records import MILLIMETRES_PER_METRE, LocalPatches, Views
+from hlp.reporting.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,10 +27,8 @@ _DIGITS = 4  # to which directions are rounded, to find equal ones
 
 def viewpoint_figure(views: Views, name: str) -> "Figure":
     """The sphere of viewpoints in object coordinates, from the side and from above (paper, 3.1)."""
-    from matplotlib.figure import Figure
-
     points = directions(views)
-    figure = Figure(figsize=(8.4, 4.4), layout="constrained")
+    figure = new_figure(8.4, 4.4)
     for number, (up, turn) in enumerate([(12.0, -60.0), (90.0, -90.0)], 1):
         axes = figure.add_subplot(1, 2, number, projection="3d", proj_type="ortho")
         axes.view_init(up, turn)
@@ -134,15 +133,13 @@ def _sheet(
     """Rows of tiles of one size behind their names, with `words` on them; a scale of `depths`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
 
     edges = ((0, _GAP), (0, _GAP), (0, 0))
     framed = [[np.pad(t, edges, constant_values=_DARK) for t in tiles] for tiles in rows]
     height, width, _ = next(tile.shape for tiles in framed for tile in tiles)
     most, empty = max(map(len, framed)), np.full((height, width, 3), _DARK, dtype=np.uint8)
     picture = np.vstack([np.hstack([*t, *[empty] * (most - len(t))]) for t in framed])
-    size = (_TILE * most * width / height + 2.5, _TILE * len(rows) + 1.0)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = new_figure(_TILE * most * width / height + 2.5, _TILE * len(rows) + 1.0)
     ax = figure.subplots()
     ax.imshow(picture)
     ax.set_yticks((np.arange(len(rows)) + 0.5) * height, names, fontsize=8)
@@ -180,11 +177,9 @@ class SwarmsOfTarget:
 
 def swarm_figure(targets: Sequence[SwarmsOfTarget]) -> "Figure":
     """A panel for each target: best cost of each swarm, and all particles of the chosen one."""
-    from matplotlib.figure import Figure
-
     columns = min(_COLUMNS, len(targets))
     rows = -(-len(targets) // columns)
-    figure = Figure(figsize=(max(3.9 * columns, 6.6), 2.9 * rows + 1.2), layout="constrained")
+    figure = new_figure(max(3.9 * columns, 6.6), 2.9 * rows + 1.2)
     axes = [figure.add_subplot(rows, columns, number + 1) for number in range(len(targets))]
     for ax, target in zip(axes, targets, strict=True):
         _draw_swarms(ax, target)
