@@ -116,9 +116,11 @@ def _charts(
 
 def _rows(targets: Mapping[TargetKey, ScoredTarget]) -> list[list[str | float | None]]:
     """A row a target in the order of `_COLUMNS`; the fourth cell is its key."""
-    rows: list[list[str | float | None]] = []
+    rows = []
     for key, target in targets.items():
         score = target.score
+        verdict = "right" if score.add_correct else "wrong" if score.found else "not found"
+        named = (score.scene_id, score.frame_id, target.name, _name(key), verdict)
         numbers = (
             score.visible_fraction,
             MILLIMETRES_PER_METRE * score.add_error,
@@ -126,18 +128,9 @@ def _rows(targets: Mapping[TargetKey, ScoredTarget]) -> list[list[str | float | 
             MILLIMETRES_PER_METRE * score.translation_error,
             score.score,
         )
-        rows.append(
-            [
-                score.scene_id,
-                score.frame_id,
-                target.name,
-                _name(key),
-                "right" if score.add_correct else "wrong" if score.found else "not found",
-                score.cause.replace("_", " "),
-                # JSON has neither nan nor inf.
-                *(round(value, 3) if math.isfinite(value) else None for value in numbers),
-            ]
-        )
+        # JSON has neither nan nor inf.
+        finite = (round(value, 3) if math.isfinite(value) else None for value in numbers)
+        rows.append([*named, score.cause.replace("_", " "), *finite])
     return rows
 
 
