@@ -75,7 +75,7 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     The paper's ADD(-S) is a column of its own if all objects are LINEMOD's.
     """
     paper = paper_recalls([*summary["per_object"]])
-    metrics = summary["metrics"]
+    metrics = [summary["metrics"][key] for key in METRIC_LABELS]
     rows = [
         [
             name,
@@ -85,14 +85,11 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
         ]
         for name, scores in summary["per_object"].items()
     ]
-    paper_mean = fmean(paper) if paper else None
-    means = [format_share(metrics[key]["mean_object"]) for key in METRIC_LABELS]
-    recalls = [format_share(metrics[key]["recall"]) for key in METRIC_LABELS]
-    intervals = [format_interval(metrics[key]["ci95"]) for key in METRIC_LABELS]
-    targets = str(summary["targets"])
-    rows.append(["mean of objects", targets, *means, format_share(paper_mean)])
-    rows.append(["all targets", targets, *recalls, ""])
-    rows.append(["95 % interval", "", *intervals, ""])
+    targets, of_paper = str(summary["targets"]), format_share(fmean(paper) if paper else None)
+    means = (format_share(metric["mean_object"]) for metric in metrics)
+    rows.append(["mean of objects", targets, *means, of_paper])
+    rows.append(["all targets", targets, *(format_share(m["recall"]) for m in metrics), ""])
+    rows.append(["95 % interval", "", *(format_interval(m["ci95"]) for m in metrics), ""])
     table = Table(["object", "targets", *METRIC_LABELS.values(), "paper ADD(-S)"], rows)
     return table if paper else table.without(table.header[-1])
 
