@@ -60,7 +60,7 @@ def titled(picture: Rgb, title: str, scale: float = 0.5) -> Rgb:
     """The picture below a bar with its title (ASCII), which is made narrower if it is too long."""
     width = picture.shape[1]
     bar = np.full((round(TITLE_HEIGHT / 0.5 * scale), width, 3), _DARK, dtype=np.uint8)
-    scale *= min(1.0, (width - 2 * _PAD) / max(size_of(title, scale)[0], 1))
+    scale *= min(1.0, (width - 2 * _PAD) / max(width_of(title, scale), 1))
     write_words(bar, title, (_PAD, len(bar) - _PAD), scale)
     return np.vstack([bar, picture])
 
@@ -75,10 +75,9 @@ def with_legend(picture: Rgb, entries: Sequence[tuple[str, Color]]) -> Rgb:
     return np.vstack([picture, bar])
 
 
-def size_of(words: str, scale: float = _SMALL) -> tuple[int, int]:
-    """Width and height of written words (px)."""
-    width, height = cv2.getTextSize(words, _FONT, scale, 1)[0]
-    return int(width), int(height)
+def width_of(words: str, scale: float = _SMALL) -> int:
+    """Width of written words (px)."""
+    return int(cv2.getTextSize(words, _FONT, scale, 1)[0][0])
 
 
 def write_words(
@@ -91,4 +90,4 @@ def write_words(
 ) -> int:
     """Write words (ASCII) into the picture itself, from a place on; x of their end."""
     cv2.putText(picture, words, place, _FONT, scale, color, thickness, cv2.LINE_AA)
-    return place[0] + size_of(words, scale)[0]
+    return place[0] + width_of(words, scale)

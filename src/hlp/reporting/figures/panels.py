@@ -29,7 +29,7 @@ from hlp.records import (
 )
 from hlp.rendering.rasterizer import render_depth, render_rgbd
 from hlp.rendering.shading import FRONTAL_LIGHT
-from hlp.reporting.figures import Color, size_of, titled, with_legend, write_words
+from hlp.reporting.figures import Color, titled, width_of, with_legend, write_words
 
 VOTE_CELL = 8  # px, as in the paper
 JPEG_QUALITY = 85
@@ -276,7 +276,7 @@ def draw_overview(frame: Frame, targets: Sequence[SeenTarget]) -> Rgb:
         inside = np.clip(project(center, frame.camera_matrix)[0], 0, picture.shape[1::-1])
         x, y = np.rint(inside).astype(int).tolist()
         words = f"{seen.model.name} {seen.estimate.score:.2f}"
-        place = (x - size_of(words)[0] // 2, y + 18)
+        place = (x - width_of(words) // 2, y + 18)
         for color, thickness in (((20, 20, 20), 3), ((255, 255, 255), 1)):
             write_words(picture, words, place, color=color, thickness=thickness)
     legend = [("right by ADD(-S)", RIGHT_COLOR), ("wrong", WRONG_COLOR)]
