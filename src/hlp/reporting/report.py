@@ -17,12 +17,7 @@ from hlp.reporting.comparison import (
     recall_of,
 )
 from hlp.reporting.mlflow import database_path, import_client, is_local
-from hlp.reporting.page.pages import (
-    study_folders,
-    write_run_page,
-    write_study_page,
-    write_sweep_page,
-)
+from hlp.reporting.page import study_folders, write_run_page, write_study_page, write_sweep_page
 from hlp.reporting.results import left_out_if_broken, result_folders
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,

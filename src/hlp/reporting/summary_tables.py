@@ -59,6 +59,25 @@ def paper_recalls(names: Sequence[str]) -> list[float]:
     return [ADD_BY_OBJECT[name] for name in names] if linemod else []
 
 
+def run_verdict(summary: Mapping[str, Any]) -> str:
+    """How many targets were found, how sure that is, what most misses come from, and the time."""
+    add, targets = summary["metrics"]["add"], summary["targets"]
+    right = round(add["recall"] * targets)
+    low, high = add["ci95"]
+    words = f"{right} of {targets} targets have a right pose: ADD(-S) {add['recall']:.3f}"
+    words += f" (95 % interval {low:.3f} to {high:.3f})"
+    total = summary["waterfall"]["total"].items()
+    lost = {name: count for name, count in total if name != CORRECT and count}
+    if lost:
+        cause = max(lost, key=lambda name: lost[name])
+        share = f"{lost[cause]} of {sum(lost.values())}"
+        words += f"; most misses come from “{_words(cause)}” ({share})"
+    time = summary["timing_ms"]["total"]["median"]
+    if time is not None:
+        words += f"; an object takes {time:.0f} ms"
+    return words + "."
+
+
 def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     """The three main tables of a run: recall per object, time per stage, causes of misses."""
     tables = (objects_table(summary), time_table(summary), total_table(summary))

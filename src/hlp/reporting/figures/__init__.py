@@ -38,6 +38,11 @@ def save_figure(figure: "Figure", path: Path) -> list[Path]:
     return files
 
 
+def in_base64(content: bytes) -> str:
+    """A picture or numbers as they stand in a page."""
+    return base64.b64encode(content).decode("ascii")
+
+
 def svg_in_base64(figure: "Figure") -> str:
     """A figure as SVG, as it stands in a page."""
     import matplotlib
@@ -45,7 +50,7 @@ def svg_in_base64(figure: "Figure") -> str:
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "hlp"}):
         figure.savefig(stream, format="svg", metadata={"Date": None})
-    return base64.b64encode(stream.getvalue()).decode("ascii")
+    return in_base64(stream.getvalue())
 
 
 Color = tuple[int, int, int]
