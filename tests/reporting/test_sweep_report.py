@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from hlp.errors import DataError
-from hlp.reporting.page.pages import write_sweep_page
+from hlp.reporting.page import write_sweep_page
 from hlp.reporting.report import report_runs, write_pages
 from hlp.reporting.study_tables import basin_cells, write_basins
 from hlp.reporting.sweep_report import describe_sweep, sweep_table

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hlp.errors import DataError
-from hlp.reporting.page.pages import write_sweep_page
+from hlp.reporting.page import write_sweep_page
 from hlp.reporting.report import write_pages
 from hlp.reporting.results import result_folders
 from hlp.reporting.sweep_report import describe_sweep, steps_of, sweep_figure, sweep_table

@@ -37,7 +37,8 @@ NOTE = (
     " Means are over the sets whose true poses are known. The published rows are means over seven"
     " core sets, measured by others on their hardware (arXiv 2504.02812 and BOP's leaderboard)."
 )
-_HEADER = ["set", "images", "AR", *map(str.upper, BOP_RECALLS), "AP", "AP mm", "s", "CPU s", "on"]
+_NUMBERS = ["images", "AR", *map(str.upper, BOP_RECALLS), "AP", "AP mm", "s", "CPU s"]
+_DIGITS = {"images": 0, "s": 1, "CPU s": 1}  # 3 of the others
 
 
 def bop_table(results: Sequence[Result]) -> Table:
@@ -57,7 +58,7 @@ def bop_table(results: Sequence[Result]) -> Table:
     for name, recall, seconds, hardware in PUBLISHED:
         numbers = dict.fromkeys(_NUMBERS) | {"AR": recall, "s": seconds}
         rows.append([name, *_cells(numbers), hardware])
-    return Table(_HEADER, rows)
+    return Table(["set", *_NUMBERS, "on"], rows)
 
 
 def bop_runs(folder: Path) -> list[Result]:
@@ -98,9 +99,6 @@ def write_server_files(folder: Path) -> list[Path]:
     return written
 
 
-_NUMBERS = ["images", "AR", *map(str.upper, BOP_RECALLS), "AP", "AP mm", "s", "CPU s"]
-
-
 def _set(config: Any) -> str:
     return Path(str(config["data"]["root"])).name
 
@@ -129,7 +127,4 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def _cells(numbers: dict[str, float | None]) -> list[str]:
-    shares = [format_share(numbers[name]) for name in _NUMBERS[1:-2]]
-    seconds = ["" if (s := numbers[name]) is None else f"{s:.1f}" for name in _NUMBERS[-2:]]
-    images = numbers["images"]
-    return ["" if images is None else f"{images:.0f}", *shares, *seconds]
+    return [format_share(numbers[name], _DIGITS.get(name, 3)) for name in _NUMBERS]

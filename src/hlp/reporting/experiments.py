@@ -188,7 +188,7 @@ def _draw_ladder(runs: Mapping[str, Result], gains: Sequence[Bar | None]) -> "Fi
 
 
 def _recordings(results: Sequence[Result], found: Sweep) -> Report:
-    keys = recordings.swept_keys(found.keys)
+    keys = [*dict.fromkeys((recordings.DATA, *found.keys))]
     repeats = recordings.repeats_of(results, keys)
     table = recordings.recordings_table(repeats, keys)
     spread = " spread: standard deviation between seeds." if recordings.SEED in keys else ""

@@ -8,6 +8,7 @@ import pandas as pd
 
 from hlp.arrays import Values
 from hlp.reporting.comparison import WELL_VISIBLE, recall_of
+from hlp.reporting.figures import new_figure
 from hlp.reporting.figures.bars import COLORS
 from hlp.reporting.results import Result
 from hlp.reporting.summary_tables import BOP_RECALLS, CHANCE, run_cells, run_numbers, sure_answers
@@ -17,7 +18,7 @@ from hlp.results.recalls import reliability
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DATA, SEED = "data", "seed"
+DATA, SEED = "data", "seed"
 NOTE = (
     "ADD(-S): ADD-S for objects with a symmetry, ADD for the others. AR: mean of BOP's average"
     " recalls VSD, MSSD and MSPD. AP: BOP's average precision, where every object is looked for in"
@@ -43,11 +44,6 @@ def repeats_of(results: Sequence[Result], keys: Sequence[str]) -> Repeats:
     return repeats
 
 
-def swept_keys(swept: Sequence[str]) -> list[str]:
-    """The data set, and what else was swept."""
-    return [_DATA, *(key for key in swept if key != _DATA)]
-
-
 def recordings_table(repeats: Repeats, keys: Sequence[str]) -> Table:
     """A row a data set: its size, recalls, BOP's average recalls, time of one object (ms).
 
@@ -64,7 +60,7 @@ def recordings_table(repeats: Repeats, keys: Sequence[str]) -> Table:
 
 def _values(result: Result, keys: Sequence[str]) -> dict[str, str]:
     """Values of the swept keys; of the data, the name at least."""
-    own = {_DATA: str(result.config[_DATA]["name"]), **result.chosen}
+    own = {DATA: str(result.config[DATA]["name"]), **result.chosen}
     return {key: own.get(key, "") for key in keys}
 
 
@@ -150,13 +146,11 @@ def draw_scores(repeats: Repeats) -> "Figure | None":
     Left: precision by recall, down to each score. Right: the share of right answers by score.
     Answers where the object is not count as wrong ones.
     """
-    from matplotlib.figure import Figure
-
     answers = {data: _answers(own) for data, own in repeats.items()}
     answers = {data: found for data, found in answers.items() if len(found[0])}
     if not answers:
         return None
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
     right.plot([0, 1], [0, 1], color="0.6", linewidth=1)
     for number, (data, (scores, correct)) in enumerate(answers.items()):

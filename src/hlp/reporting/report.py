@@ -17,12 +17,7 @@ from hlp.reporting.comparison import (
     recall_of,
 )
 from hlp.reporting.mlflow import database_path, import_client, is_local
-from hlp.reporting.page.pages import (
-    study_folders,
-    write_run_page,
-    write_study_page,
-    write_sweep_page,
-)
+from hlp.reporting.page import study_folders, write_run_page, write_study_page, write_sweep_page
 from hlp.reporting.results import left_out_if_broken, result_folders
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,
@@ -261,20 +256,14 @@ def selection_table(scores: Sequence[ScoredTarget], names: Sequence[str]) -> Tab
         if name not in known:
             raise InputError(f"objects: no target is a {name}; there are {', '.join(known)}")
     chosen = [target for target in scores if target.name in names]
-    groups = {
-        "all": chosen,
-        f"{WELL_VISIBLE:g} and more": [
-            target for target in chosen if target.score.visible_fraction >= WELL_VISIBLE
-        ],
-        f"less than {WELL_VISIBLE:g}": [
-            target for target in chosen if target.score.visible_fraction < WELL_VISIBLE
-        ],
-    }
-    rows = []
-    for title, group in groups.items():
-        if group:
-            recalls = (format_share(recall_of(group, metric)) for metric in METRIC_LABELS)
-            rows.append([title, str(len(group)), *recalls])
+    visible = [target for target in chosen if target.score.visible_fraction >= WELL_VISIBLE]
+    hidden = [target for target in chosen if target.score.visible_fraction < WELL_VISIBLE]
+    titles = "all", f"{WELL_VISIBLE:g} and more", f"less than {WELL_VISIBLE:g}"
+    rows = [
+        [title, str(len(group)), *(format_share(recall_of(group, key)) for key in METRIC_LABELS)]
+        for title, group in zip(titles, (chosen, visible, hidden), strict=True)
+        if group
+    ]
     return Table(["visible", "targets", *METRIC_LABELS.values()], rows)
 
 

@@ -66,11 +66,11 @@ def _recall(
 def _read_run(path: Path) -> list[Number]:
     summary = read_summary(path)
     values, cells = run_numbers(summary), run_cells(summary)
-    low, high = map(float, summary["metrics"]["add"]["ci95"])
-    numbers = [Number("targets", "", summary["targets"], cells["targets"], more=True)]
-    numbers.append(
-        _recall(ADD, "", float(summary["metrics"]["add"]["recall"]), (low, high), main=True)
-    )
+    add = summary["metrics"]["add"]
+    numbers = [
+        Number("targets", "", summary["targets"], cells["targets"], more=True),
+        _recall(ADD, "", add["recall"], tuple(add["ci95"]), main=True),
+    ]
     for name in ("5cm5deg", "IoU.5", "AR", "ms", "ms 95 %", "CPU ms", "load"):
         value, more = values[name], name not in ("5cm5deg", "ms", "load")
         known = math.nan if value is None else value
@@ -120,9 +120,8 @@ def _read_oracle(path: Path) -> list[Number]:
     result = read_as(path, _ORACLE)
     numbers = []
     for place, cell in enumerate(result.cells):
-        low, high = cell.add.ci95
-        name, main = head_of(cell.region, cell.coarse), place == 0
-        numbers.append(_recall(name, "ADD(-S) recall", cell.add.recall, (low, high), main=main))
+        name, add, main = head_of(cell.region, cell.coarse), cell.add, place == 0
+        numbers.append(_recall(name, "ADD(-S) recall", add.recall, add.ci95, main=main))
     return numbers + [
         Number(f"lost {stage}", "recall lost", lost, f"{lost:+.3f}")
         for stage, lost in result.lost.items()

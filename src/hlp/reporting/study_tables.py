@@ -12,13 +12,12 @@ from hlp.reporting.table import Table, format_share, lay_out, prose
 
 Result = Mapping[str, Any]
 
-_SHORT = {"estimated": "est", "true": "true"}
 ALL_TARGETS = "all targets"
 
 
 def head_of(region: str, coarse: str) -> str:
     """The short name of a cell of the oracle matrix: its region and its coarse pose."""
-    return f"{_SHORT[region]}/{_SHORT[coarse]}"
+    return f"{region}/{coarse}".replace("estimated", "est")
 
 
 def oracle_table(result: Result) -> Table:

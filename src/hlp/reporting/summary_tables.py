@@ -59,6 +59,25 @@ def paper_recalls(names: Sequence[str]) -> list[float]:
     return [ADD_BY_OBJECT[name] for name in names] if linemod else []
 
 
+def run_verdict(summary: Mapping[str, Any]) -> str:
+    """How many targets were found, how sure that is, what most misses come from, and the time."""
+    add, targets = summary["metrics"]["add"], summary["targets"]
+    right = round(add["recall"] * targets)
+    low, high = add["ci95"]
+    words = f"{right} of {targets} targets have a right pose: ADD(-S) {add['recall']:.3f}"
+    words += f" (95 % interval {low:.3f} to {high:.3f})"
+    total = summary["waterfall"]["total"].items()
+    lost = {name: count for name, count in total if name != CORRECT and count}
+    if lost:
+        cause = max(lost, key=lambda name: lost[name])
+        share = f"{lost[cause]} of {sum(lost.values())}"
+        words += f"; most misses come from “{_words(cause)}” ({share})"
+    time = summary["timing_ms"]["total"]["median"]
+    if time is not None:
+        words += f"; an object takes {time:.0f} ms"
+    return words + "."
+
+
 def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     """The three main tables of a run: recall per object, time per stage, causes of misses."""
     tables = (objects_table(summary), time_table(summary), total_table(summary))
@@ -75,7 +94,7 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     The paper's ADD(-S) is a column of its own if all objects are LINEMOD's.
     """
     paper = paper_recalls([*summary["per_object"]])
-    metrics = summary["metrics"]
+    metrics = [summary["metrics"][key] for key in METRIC_LABELS]
     rows = [
         [
             name,
@@ -85,14 +104,11 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
         ]
         for name, scores in summary["per_object"].items()
     ]
-    paper_mean = fmean(paper) if paper else None
-    means = [format_share(metrics[key]["mean_object"]) for key in METRIC_LABELS]
-    recalls = [format_share(metrics[key]["recall"]) for key in METRIC_LABELS]
-    intervals = [format_interval(metrics[key]["ci95"]) for key in METRIC_LABELS]
-    targets = str(summary["targets"])
-    rows.append(["mean of objects", targets, *means, format_share(paper_mean)])
-    rows.append(["all targets", targets, *recalls, ""])
-    rows.append(["95 % interval", "", *intervals, ""])
+    targets, of_paper = str(summary["targets"]), format_share(fmean(paper) if paper else None)
+    means = (format_share(metric["mean_object"]) for metric in metrics)
+    rows.append(["mean of objects", targets, *means, of_paper])
+    rows.append(["all targets", targets, *(format_share(m["recall"]) for m in metrics), ""])
+    rows.append(["95 % interval", "", *(format_interval(m["ci95"]) for m in metrics), ""])
     table = Table(["object", "targets", *METRIC_LABELS.values(), "paper ADD(-S)"], rows)
     return table if paper else table.without(table.header[-1])
 

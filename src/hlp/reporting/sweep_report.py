@@ -11,11 +11,11 @@ from hlp.files import write_csv, write_text
 from hlp.reporting.comparison import difference_cells
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import Bar, Panel, draw_bars, gain_bar, run_panels
-from hlp.reporting.figures.charts import draw_trade_off
+from hlp.reporting.figures.charts import recall_by_time
 from hlp.reporting.figures.heat_maps import HeatMap, draw_heat_maps
 from hlp.reporting.mlflow.pages import headline_metrics
 from hlp.reporting.mlflow.run import MlflowRun
-from hlp.reporting.study_numbers import ADD, KINDS, RUN, Number
+from hlp.reporting.study_numbers import ADD, KINDS, RUN
 from hlp.reporting.summary_tables import run_numbers
 from hlp.reporting.sweeps import Sweep, SweepRun, short_key
 from hlp.reporting.table import Table, format_interval, lay_out, prose
@@ -105,7 +105,7 @@ def describe_sweep(sweep: Sweep, layout: str) -> str:
 def write_sweep(folder: Path, sweep: Sweep) -> list[Path]:
     """Write NAME.md, NAME.csv and, if a run has finished, NAME.png and NAME.svg; those files.
 
-    NAME is `sweep`, or that of the study. Of plain runs also what `draw_trade_off` draws.
+    NAME is `sweep`, or that of the study. Of two or more plain runs also recall_by_time.
     """
     markdown, rows = folder / f"{sweep.name}.md", folder / f"{sweep.name}.csv"
     described = describe_sweep(sweep, "markdown")
@@ -114,7 +114,10 @@ def write_sweep(folder: Path, sweep: Sweep) -> list[Path]:
     write_csv(rows, table.header, table.rows)
     figure = sweep_figure(sweep)
     drawn = save_figure(figure, folder / sweep.name) if figure else []
-    return [markdown, rows, *drawn, *draw_trade_off(folder, sweep.results, sweep.keys)]
+    if len(sweep.results) > 1:
+        figure = recall_by_time(sweep.results, sweep.keys)
+        drawn += save_figure(figure, folder / "recall_by_time")
+    return [markdown, rows, *drawn]
 
 
 def sweep_figure(sweep: Sweep) -> "Figure | None":
@@ -138,20 +141,13 @@ def sweep_figure(sweep: Sweep) -> "Figure | None":
 
 def _number_panels(sweep: Sweep) -> list[Panel]:
     """A panel for each kind of number of studies."""
-    named: dict[str, dict[str, Number]] = {}
+    kinds: dict[tuple[str, bool], dict[str, list[Bar | None]]] = {}
     for name, number in sweep.numbers.items():
         if number.panel:
-            named.setdefault(number.panel, {})[name] = number
-    panels = []
-    for title, found in named.items():
-        of_runs = {name: [run.numbers.get(name) for run in sweep.finished] for name in found}
-        series = {
-            name: [None if n is None else Bar(n.value, n.text, n.interval) for n in numbers]
-            for name, numbers in of_runs.items()
-        }
-        recall = all(number.is_recall for number in found.values())
-        panels.append(Panel(title, series, recall))
-    return panels
+            found = [run.numbers.get(name) for run in sweep.finished]
+            bars = [Bar(n.value, n.text, n.interval) if n else None for n in found]
+            kinds.setdefault((number.panel, number.is_recall), {})[name] = bars
+    return [Panel(title, series, recall) for (title, recall), series in kinds.items()]
 
 
 def _grid(sweep: Sweep) -> "Figure":

@@ -53,9 +53,8 @@ class Table:
 
     def text(self) -> str:
         """The table for a terminal: columns padded with spaces, a rule below the header."""
-        lines = [[*self.header], *([*row] for row in self.rows)]
         widths = self._widths()
-        lines.insert(1, ["-" * width for width in widths])
+        lines = [self.header, ["-" * width for width in widths], *self.rows]
         return "\n".join(
             _GAP.join(
                 cell.rjust(width) if place else cell.ljust(width)

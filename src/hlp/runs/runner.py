@@ -22,11 +22,10 @@ from hlp.reporting.figures.bars import stacked_bars
 from hlp.reporting.figures.charts import calibration_figure
 from hlp.reporting.mlflow.pages import summary_metrics
 from hlp.reporting.mlflow.run import MlflowRun
-from hlp.reporting.page import page_or_log, run_verdict
-from hlp.reporting.page.pages import write_run_page
+from hlp.reporting.page import page_or_log, write_run_page
 from hlp.reporting.page.report_data import PANELS, STAGES
 from hlp.reporting.paper_reports import TABLES
-from hlp.reporting.summary_tables import format_summary
+from hlp.reporting.summary_tables import format_summary, run_verdict
 from hlp.results.poses_file import read_poses, write_poses, write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
 from hlp.runs.manifest import make_manifest, poses_digest

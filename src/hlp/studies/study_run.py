@@ -15,8 +15,7 @@ from hlp.fingerprints import Code, code_of
 from hlp.progress import Progress
 from hlp.records import Frame
 from hlp.reporting.mlflow.run import MlflowRun
-from hlp.reporting.page import page_or_log
-from hlp.reporting.page.pages import write_study_page
+from hlp.reporting.page import page_or_log, write_study_page
 from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import begun, say_where

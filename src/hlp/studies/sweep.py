@@ -210,8 +210,7 @@ def _recorded(folder: Path, record: dict[str, Any], tracker: MlflowRun) -> Itera
 
 def _draw(folder: Path, tracker: MlflowRun) -> None:
     from hlp.reporting.experiments import write_reports
-    from hlp.reporting.page import page_or_log
-    from hlp.reporting.page.pages import write_sweep_page
+    from hlp.reporting.page import page_or_log, write_sweep_page
     from hlp.reporting.sweep_report import describe_sweep, log_sweeps, write_sweep
     from hlp.reporting.sweeps import read_sweeps
 

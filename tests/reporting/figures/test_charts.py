@@ -15,15 +15,10 @@ from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import charts
 from hlp.reporting.figures.bars import object_bars
-from hlp.reporting.figures.charts import (
-    FRONT,
-    draw_trade_off,
-    pareto_front,
-    recall_by_time,
-    search_points,
-)
+from hlp.reporting.figures.charts import FRONT, pareto_front, recall_by_time, search_points
 from hlp.reporting.report import report_runs
 from hlp.reporting.summary_tables import ADD_BY_OBJECT
+from hlp.reporting.sweep_report import write_sweep as write_files
 from hlp.reporting.sweeps import read_sweeps
 from written_results import scored, summary, write_run, write_sweep
 
@@ -63,7 +58,7 @@ def test_the_front_is_a_step_and_what_it_beats_is_hollow(tmp_path: Path) -> None
 def test_files_are_written_and_the_report_names_them(tmp_path: Path) -> None:
     folder = sweep(tmp_path, ["refinement.budget_ms"], RUNS)
     (found,) = read_sweeps(folder)
-    written = draw_trade_off(folder, found.results, found.keys)
+    written = write_files(folder, found)[-2:]
     assert [path.name for path in written] == [f"recall_by_time.{e}" for e in ("png", "svg")]
     assert cv2.imread(str(written[0])).shape[1] > 400
     picture = written[1].read_bytes()
@@ -71,7 +66,8 @@ def test_files_are_written_and_the_report_names_them(tmp_path: Path) -> None:
     assert f"Written: {folder}" in " ".join(said.split())  # in lines of a terminal
     assert written[0].name in said
     assert written[1].read_bytes() == picture
-    assert draw_trade_off(folder, found.results[:1], found.keys) == []
+    alone = write_files(folder, replace(found, runs=found.runs[:1]))
+    assert not {path.name for path in written} & {path.name for path in alone}
 
 
 # Few values, so that many points are equal in one or both.

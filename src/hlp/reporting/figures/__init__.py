@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def new_figure(width: float, height: float) -> "Figure":
+    """An empty figure of that size (inches), whose parts make room for each other."""
+    from matplotlib.figure import Figure  # takes long to import
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
 def save_jpeg(figure: "Figure", path: Path) -> None:
     """Write a figure as a JPEG. Raises OSError for a path that cannot be written."""
     figure.savefig(path, dpi=110, pil_kwargs={"quality": 88, "optimize": True})
@@ -31,6 +38,11 @@ def save_figure(figure: "Figure", path: Path) -> list[Path]:
     return files
 
 
+def in_base64(content: bytes) -> str:
+    """A picture or numbers as they stand in a page."""
+    return base64.b64encode(content).decode("ascii")
+
+
 def svg_in_base64(figure: "Figure") -> str:
     """A figure as SVG, as it stands in a page."""
     import matplotlib
@@ -38,7 +50,7 @@ def svg_in_base64(figure: "Figure") -> str:
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "hlp"}):
         figure.savefig(stream, format="svg", metadata={"Date": None})
-    return base64.b64encode(stream.getvalue()).decode("ascii")
+    return in_base64(stream.getvalue())
 
 
 Color = tuple[int, int, int]
@@ -53,7 +65,7 @@ def titled(picture: Rgb, title: str, scale: float = 0.5) -> Rgb:
     """The picture below a bar with its title (ASCII), which is made narrower if it is too long."""
     width = picture.shape[1]
     bar = np.full((round(TITLE_HEIGHT / 0.5 * scale), width, 3), _DARK, dtype=np.uint8)
-    scale *= min(1.0, (width - 2 * _PAD) / max(size_of(title, scale)[0], 1))
+    scale *= min(1.0, (width - 2 * _PAD) / max(width_of(title, scale), 1))
     write_words(bar, title, (_PAD, len(bar) - _PAD), scale)
     return np.vstack([bar, picture])
 
@@ -68,10 +80,9 @@ def with_legend(picture: Rgb, entries: Sequence[tuple[str, Color]]) -> Rgb:
     return np.vstack([picture, bar])
 
 
-def size_of(words: str, scale: float = _SMALL) -> tuple[int, int]:
-    """Width and height of written words (px)."""
-    width, height = cv2.getTextSize(words, _FONT, scale, 1)[0]
-    return int(width), int(height)
+def width_of(words: str, scale: float = _SMALL) -> int:
+    """Width of written words (px)."""
+    return int(cv2.getTextSize(words, _FONT, scale, 1)[0][0])
 
 
 def write_words(
@@ -84,4 +95,4 @@ def write_words(
 ) -> int:
     """Write words (ASCII) into the picture itself, from a place on; x of their end."""
     cv2.putText(picture, words, place, _FONT, scale, color, thickness, cv2.LINE_AA)
-    return place[0] + size_of(words, scale)[0]
+    return place[0] + width_of(words, scale)

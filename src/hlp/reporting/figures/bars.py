@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hlp.reporting.figures import new_figure
 from hlp.reporting.study_tables import TIMED, TOTAL, format_ms
 from hlp.reporting.summary_tables import METRIC_LABELS, paper_recalls, run_cells
 from hlp.results.recalls import CORRECT
@@ -86,13 +87,11 @@ def draw_bars(
     marked: Collection[int] = (),
 ) -> "Figure":
     """The panels side by side, the first row at the top; the `marked` rows have a band."""
-    from matplotlib.figure import Figure
-
     most = max(1 if panel.stacked else len(panel.series) for panel in panels)
     legends = max(len(panel.series) + len(panel.published) for panel in panels)
     height = _BAR * len(rows) * (most + 0.7) + 1.4 + 0.13 * legends + 0.4 * bool(note)
     width = max(_PANEL * len(panels) + 1.2, 6.0)
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = new_figure(width, height)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, panel in zip(axes, panels, strict=True):
         _draw_panel(ax, panel, len(rows))
@@ -174,7 +173,7 @@ def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
         for summary in summaries
     ]
     title = "ms an object and frame, median, by stage"
-    return [*panels, _times_panel(title, medians, "total", loads_in_words(summaries))]
+    return [*panels, _times_panel(title, medians, loads_in_words(summaries))]
 
 
 def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -187,16 +186,16 @@ def loads_in_words(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _times_panel(
-    title: str, medians: Sequence[Mapping[str, float | None]], whole: str, loads: Sequence[str] = ()
+    title: str, medians: Sequence[Mapping[str, float | None]], loads: Sequence[str] = ()
 ) -> Panel:
     """Stages one after another, shared out so that they end at the median of the whole.
 
-    Medians of stages do not add up to it. `whole` is its name among them. `loads` stand behind it.
+    Medians of stages do not add up to it. `loads` stand behind it.
     """
     rows, totals = [], []
     for found in medians:
         known = {stage: median for stage, median in found.items() if median is not None}
-        total = known.pop(whole, sum(known.values()))
+        total = known.pop(TOTAL, sum(known.values()))
         scale = total / (sum(known.values()) or 1.0)
         rows.append({stage: Bar(scale * time) for stage, time in known.items()})
         totals.append(format_ms(total))
@@ -207,9 +206,9 @@ def _times_panel(
 
 
 def recall_bar(metric: Mapping[str, Any]) -> Bar:
-    """A recall of `summary.json` with its interval, which older ones lack for objects."""
-    recall, ends = float(metric["recall"]), metric.get("ci95")
-    return Bar(recall, f"{recall:.3f}", (float(ends[0]), float(ends[1])) if ends else None)
+    """A recall of `summary.json` with its interval."""
+    recall, (low, high) = float(metric["recall"]), metric["ci95"]
+    return Bar(recall, f"{recall:.3f}", (float(low), float(high)))
 
 
 def object_bars(summary: Mapping[str, Any]) -> "Figure":
@@ -244,7 +243,7 @@ def bench_bars(result: Mapping[str, Any]) -> "Figure":
         for times in timed.values()
     ]
     title = "ms, medians of a frame's first object, of further ones, of whole frames"
-    return draw_bars([*timed], [_times_panel("", medians, TOTAL)], title)
+    return draw_bars([*timed], [_times_panel("", medians)], title)
 
 
 def stacked_bars(waterfall: Mapping[str, Any]) -> "Figure":

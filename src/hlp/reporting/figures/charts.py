@@ -2,14 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
-from hlp.reporting.figures import save_figure
+from hlp.reporting.figures import new_figure
 from hlp.reporting.figures.bars import STAGE_COLORS, Bar, Panel, draw_bars, loads_in_words
 from hlp.reporting.results import Result
 from hlp.reporting.study_tables import format_ms
@@ -49,7 +48,7 @@ def visibility_bars(targets: Targets) -> "Figure | None":
 
 def timing_bars(summary: Mapping[str, Any]) -> "Figure | None":
     """Median and 95th percentile of each stage's time for one object in one frame (ms)."""
-    times = {k: v for k, v in summary["timing_ms"].items() if v.get("median") is not None}
+    times = {k: v for k, v in summary["timing_ms"].items() if v["median"] is not None}
     if not times:
         return None
     bars = []
@@ -151,9 +150,7 @@ def error_by_distance(
 
 
 def _figure(height: float, width: float = 6.0) -> tuple["Figure", "Axes"]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = new_figure(width, height)
     ax = figure.subplots()
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(axis="y", alpha=0.3)
@@ -164,16 +161,6 @@ def _figure(height: float, width: float = 6.0) -> tuple["Figure", "Axes"]:
 FRONT = "Pareto front"
 Point = tuple[float, float]
 """Time (ms) and recall."""
-
-
-def draw_trade_off(folder: Path, runs: Sequence[Result], swept: Sequence[str]) -> list[Path]:
-    """Write recall_by_time.png and .svg of a sweep's finished runs; those files.
-
-    Empty if fewer than two runs are finished.
-    """
-    if len(runs) < 2:
-        return []
-    return save_figure(recall_by_time(runs, swept), folder / "recall_by_time")
 
 
 def _time_axes(points: Sequence[Point], end: float, title: str) -> tuple["Figure", "Axes"]:
@@ -245,9 +232,7 @@ def calibration_figure(calibration: Mapping[str, Any]) -> "Figure":
 
     `calibration` is the part of that name in `summary.json`, of one or more answers.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 3.8), layout="constrained")
+    figure = new_figure(8.0, 3.8)
     left, right = figure.subplots(1, 2)
     most = max(row[0] for row in calibration["reliability"])
     left.plot([0, 1], [0, 1], color="0.6", linewidth=1)

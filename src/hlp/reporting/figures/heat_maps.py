@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from hlp.reporting.figures import save_figure
+from hlp.reporting.figures import new_figure, save_figure
 from hlp.reporting.study_tables import ALL_TARGETS, head_of, recalls_by_errors
 
 if TYPE_CHECKING:
@@ -45,10 +45,8 @@ def draw_heat_maps(
 
     The `marked` row and column are those of the defaults.
     """
-    from matplotlib.figure import Figure
-
     width = max(_CELL[0] * len(columns) * len(maps) + 2.2, 5.4)
-    figure = Figure(figsize=(width, max(_CELL[1] * len(rows) + 1.7, 2.8)), layout="constrained")
+    figure = new_figure(width, max(_CELL[1] * len(rows) + 1.7, 2.8))
     panels = figure.subplots(1, len(maps), sharey=True, squeeze=False)[0]
     for ax, heat_map in zip(panels, maps, strict=True):
         _draw_map(ax, heat_map, marked)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import CameraMatrix, Image, Mask, Pose, Positions, Rgb
+from hlp.arrays import CameraMatrix, Mask, Pose, Positions, Rgb
 from hlp.files import replaced
 from hlp.geometry import project, transform
 from hlp.records import (
@@ -29,7 +29,7 @@ from hlp.records import (
 )
 from hlp.rendering.rasterizer import render_depth, render_rgbd
 from hlp.rendering.shading import FRONTAL_LIGHT
-from hlp.reporting.figures import Color, size_of, titled, with_legend, write_words
+from hlp.reporting.figures import Color, titled, width_of, with_legend, write_words
 
 VOTE_CELL = 8  # px, as in the paper
 JPEG_QUALITY = 85
@@ -101,13 +101,6 @@ def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose) 
     (x, y), *_ = np.rint(center).astype(int).tolist()
     cv2.circle(picture, (x, y), 12, TRUTH_COLOR, 1, cv2.LINE_AA)
     return picture
-
-
-def rendered_depth(frame: Frame, model: ObjectModel, pose: Pose) -> Image:
-    """Depth of an object alone, as the frame's camera sees it (m, 0 where it is not)."""
-    height, width = frame.depth.shape
-    depth = render_depth(model.proxy, pose[None], frame.camera_matrix, (height, width))
-    return np.asarray(depth[0])
 
 
 def draw_detections(frame: Frame, poses: Sequence[tuple[ObjectModel, Pose]]) -> Rgb:
@@ -209,7 +202,8 @@ def draw_panels(seen: SeenTarget) -> Rgb:
     outlines = near.rgb.copy()
     for _, color, pose in poses:
         if pose is not None:
-            outline(outlines, rendered_depth(near, seen.model, pose) > 0, color)
+            depth = render_depth(seen.model.proxy, pose[None], near.camera_matrix, size)
+            outline(outlines, np.asarray(depth[0]) > 0, color)
     pictures = [
         (draw_region(frame.rgb, region.mask), [("region", REGION_COLOR)]),
         (draw_patches(frame.rgb, accepted), [("patch that voted", PATCH_COLOR)]),
@@ -282,7 +276,7 @@ def draw_overview(frame: Frame, targets: Sequence[SeenTarget]) -> Rgb:
         inside = np.clip(project(center, frame.camera_matrix)[0], 0, picture.shape[1::-1])
         x, y = np.rint(inside).astype(int).tolist()
         words = f"{seen.model.name} {seen.estimate.score:.2f}"
-        place = (x - size_of(words)[0] // 2, y + 18)
+        place = (x - width_of(words) // 2, y + 18)
         for color, thickness in (((20, 20, 20), 3), ((255, 255, 255), 1)):
             write_words(picture, words, place, color=color, thickness=thickness)
     legend = [("right by ADD(-S)", RIGHT_COLOR), ("wrong", WRONG_COLOR)]

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hlp.arrays import Rgb
+from hlp.arrays import Rgb, spread
 from hlp.records import MILLIMETRES_PER_METRE, LocalPatches, Views
+from hlp.reporting.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,10 +27,8 @@ _DIGITS = 4  # to which directions are rounded, to find equal ones
 
 def viewpoint_figure(views: Views, name: str) -> "Figure":
     """The sphere of viewpoints in object coordinates, from the side and from above (paper, 3.1)."""
-    from matplotlib.figure import Figure
-
     points = directions(views)
-    figure = Figure(figsize=(8.4, 4.4), layout="constrained")
+    figure = new_figure(8.4, 4.4)
     for number, (up, turn) in enumerate([(12.0, -60.0), (90.0, -90.0)], 1):
         axes = figure.add_subplot(1, 2, number, projection="3d", proj_type="ortho")
         axes.view_init(up, turn)
@@ -58,7 +57,7 @@ def view_sheet(views: Mapping[str, Views]) -> "Figure":
     """Views of each object, by its name, spread evenly over all of them."""
     rows = {}
     for name, rendered in views.items():
-        chosen = _spread(np.arange(len(rendered)), _VIEWS)
+        chosen = [*spread(range(len(rendered)), _VIEWS)]
         seen = rendered.depth[chosen] > 0
         rows[name] = [*np.where(seen[..., None], np.asarray(rendered.rgb)[chosen], _BACK)]
     return _sheet([*rows], [*rows.values()], "Some of the views, each under another light")
@@ -74,7 +73,7 @@ def training_sheet(
     rows = []
     for label in range(len(names)):
         tiles = []
-        for image in images[_spread(np.flatnonzero(labels == label), _WINDOWS)]:
+        for image in spread(images[labels == label], _WINDOWS):
             color = np.rint(127.5 * (np.clip(image[:3], -1.0, 1.0) + 1.0)).astype(np.uint8)
             shown = [color.transpose(1, 2, 0)]
             if len(image) == 4:
@@ -122,11 +121,6 @@ def depth_tile(depth: Float[np.ndarray, "p p"], valid: Bool[np.ndarray, "p p"]) 
     return np.where(valid[..., None], colors, NOTHING).astype(np.uint8)
 
 
-def _spread(items: Int[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
-    count = min(most, len(items))
-    return items[[i * len(items) // count for i in range(count)]]
-
-
 def _sheet(
     names: Sequence[str],
     rows: Sequence[Sequence[Rgb]],
@@ -139,19 +133,13 @@ def _sheet(
     """Rows of tiles of one size behind their names, with `words` on them; a scale of `depths`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
 
     edges = ((0, _GAP), (0, _GAP), (0, 0))
     framed = [[np.pad(t, edges, constant_values=_DARK) for t in tiles] for tiles in rows]
     height, width, _ = next(tile.shape for tiles in framed for tile in tiles)
-    most = max(map(len, framed))
-    picture = np.full((len(rows) * height, most * width, 3), _DARK, dtype=np.uint8)
-    for row, tiles in enumerate(framed):
-        for column, tile in enumerate(tiles):
-            left = column * width
-            picture[row * height : (row + 1) * height, left : left + width] = tile
-    size = (_TILE * most * width / height + 2.5, _TILE * len(rows) + 1.0)
-    figure = Figure(figsize=size, layout="constrained")
+    most, empty = max(map(len, framed)), np.full((height, width, 3), _DARK, dtype=np.uint8)
+    picture = np.vstack([np.hstack([*t, *[empty] * (most - len(t))]) for t in framed])
+    figure = new_figure(_TILE * most * width / height + 2.5, _TILE * len(rows) + 1.0)
     ax = figure.subplots()
     ax.imshow(picture)
     ax.set_yticks((np.arange(len(rows)) + 0.5) * height, names, fontsize=8)
@@ -189,11 +177,9 @@ class SwarmsOfTarget:
 
 def swarm_figure(targets: Sequence[SwarmsOfTarget]) -> "Figure":
     """A panel for each target: best cost of each swarm, and all particles of the chosen one."""
-    from matplotlib.figure import Figure
-
     columns = min(_COLUMNS, len(targets))
     rows = -(-len(targets) // columns)
-    figure = Figure(figsize=(max(3.9 * columns, 6.6), 2.9 * rows + 1.2), layout="constrained")
+    figure = new_figure(max(3.9 * columns, 6.6), 2.9 * rows + 1.2)
     axes = [figure.add_subplot(rows, columns, number + 1) for number in range(len(targets))]
     for ax, target in zip(axes, targets, strict=True):
         _draw_swarms(ax, target)

@@ -114,11 +114,10 @@ def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
     for name, shares in votes["per_object"].items():
         flat[f"votes_by_object/good_{name}"] = shares["good"]
         flat[f"votes_by_object/good_by_object_{name}"] = shares["good_by_object"]
-    calibration = summary.get("calibration", {})  # an earlier run has none
     groups = {
         "votes": votes["total"],
         "waterfall": summary["waterfall"]["total"],
-        "calibration": {name: calibration.get(name) for name in ("ece", "aurc")},
+        "calibration": {name: summary["calibration"][name] for name in ("ece", "aurc")},
         "median_errors": summary["median_errors"],
         "bop": summary["bop"],
     }

@@ -1,11 +1,11 @@
-"""What a run keeps for its page beside its results: pictures and scenes of some targets.
+"""What a run keeps for its page beside its results, and how the page lists its targets.
 
 <run's folder>/report/index.json      `ReportData`
 <run's folder>/report/*.jpg           a picture of each of these targets
 """
 
-import base64
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,6 +21,8 @@ from hlp.folders import inside
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel
+from hlp.reporting.comparison import ScoredTarget
+from hlp.reporting.figures import in_base64
 from hlp.reporting.figures.panels import SeenTarget, write_picture
 from hlp.results.recalls import TargetKey
 from hlp.schemas import Id
@@ -128,8 +130,8 @@ def keep_target(run: Path, key: TargetKey, picture: Rgb, seen: SeenTarget) -> Sc
         key=key,
         picture=name,
         middle=np.round(middle, 2).tolist(),
-        points=_text(np.clip(places, -32768, 32767).astype("<i2")),
-        colors=_text(colors),
+        points=in_base64(np.clip(places, -32768, 32767).astype("<i2").tobytes()),
+        colors=in_base64(colors.tobytes()),
         truth=_motion(true),
         estimate=None if found is None else _motion(found),
     )
@@ -169,5 +171,61 @@ def _motion(pose: Pose) -> list[float]:
     return [round(float(value), 5) for value in millimetres.ravel()]
 
 
-def _text(values: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+COLUMNS = (
+    "scene", "image", "object", "", "verdict", "cause", "visible", "ADD(-S) mm", "rotation °",
+    "shift mm", "score",
+)  # fmt: skip
+DIGITS = (0, 0, 0, 0, 0, 0, 2, 1, 1, 1, 3)
+"""Columns of the list of targets, and the digits of each."""
+
+
+def target_rows(targets: Mapping[TargetKey, ScoredTarget]) -> list[list[str | float | None]]:
+    """A row a target in the order of `COLUMNS`; the fourth cell is its key."""
+    rows = []
+    for key, target in targets.items():
+        score = target.score
+        verdict = "right" if score.add_correct else "wrong" if score.found else "not found"
+        named = (score.scene_id, score.frame_id, target.name, _name(key), verdict)
+        numbers = (
+            score.visible_fraction,
+            MILLIMETRES_PER_METRE * score.add_error,
+            math.degrees(score.rotation_error),
+            MILLIMETRES_PER_METRE * score.translation_error,
+            score.score,
+        )
+        # JSON has neither nan nor inf.
+        finite = (round(value, 3) if math.isfinite(value) else None for value in numbers)
+        rows.append([*named, score.cause.replace("_", " "), *finite])
+    return rows
+
+
+def target_pictures(
+    folder: Path, kept: ReportData, scores: Mapping[TargetKey, ScoredTarget], room: int
+) -> dict[str, str]:
+    """JPEGs in base64 by the targets' names, as many as there is room (bytes) for, misses first."""
+    right = {key for key, target in scores.items() if target.correct("add")}
+    pictures = {}
+    for scene in sorted(kept.targets, key=lambda scene: scene.key in right):
+        path = picture_path(folder, scene)
+        room -= 0 if path is None else path.stat().st_size
+        if path is not None and room >= 0:
+            pictures[_name(scene.key)] = in_base64(path.read_bytes())
+    return pictures
+
+
+def target_scenes(
+    kept: ReportData, targets: Mapping[TargetKey, ScoredTarget]
+) -> dict[str, dict[str, Any]]:
+    """Models by object, and what is around each target that has a picture."""
+    return {
+        "models": {name: asdict(wires) for name, wires in kept.objects.items()},
+        "targets": {
+            _name(key): {**asdict(scene), "object": targets[key].name}
+            for key, scene in kept.scenes.items()
+            if key in targets
+        },
+    }
+
+
+def _name(key: TargetKey) -> str:
+    return "_".join(map(str, key))

@@ -15,8 +15,7 @@ import pytest
 from box_scene import box_model
 from hlp.errors import DataError
 from hlp.records import Frame, Target, TargetScore
-from hlp.reporting.page import page_or_log
-from hlp.reporting.page.pages import study_folders, write_run_page, write_study_page
+from hlp.reporting.page import page_or_log, study_folders, write_run_page, write_study_page
 from hlp.reporting.page.report_data import ReportData, Scene, keep_target, picture_path, wires_of
 from hlp.reporting.report import report_runs, write_pages
 from hlp.results.poses_file import write_scores
@@ -115,7 +114,7 @@ def test_where_there_is_no_room_for_all_pictures_those_of_misses_are_shown(
 ) -> None:
     keep(run, *kept)  # 7 is right
     size = (run / "report" / f"000001_{kept[0]:06d}_6_0.jpg").stat().st_size
-    monkeypatch.setattr("hlp.reporting.page.pages._MOST_BYTES", size)
+    monkeypatch.setattr("hlp.reporting.page._MOST_BYTES", size)
     page = Page(write_run_page(run))
     assert list(page.data["pictures"]) == [shown]
     assert "1 more pictures lie in report/" in page.text
