@@ -1,14 +1,12 @@
 """Mesh files, and the smallest settings of the method, for tests that learn an object."""
 
 import shutil
-from functools import cache
 from pathlib import Path
 
 import pytest
 import trimesh
 
-from hlp.commands.composing import compose_config
-from hlp.config.build import build_settings
+from composed_settings import run_settings
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.settings import MethodSettings
 from hlp.records import ObjectModel
@@ -32,10 +30,9 @@ TINY = (
 )
 
 
-@cache
 def tiny_method(*overrides: str) -> MethodSettings:
     """The default method made small: PCA in place of a trained encoder, few views."""
-    return build_settings(compose_config("output=out", *TINY, *overrides)).method
+    return run_settings(*TINY, *overrides).method
 
 
 def write_mesh(folder: Path, model: ObjectModel) -> Path:

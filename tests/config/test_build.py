@@ -7,10 +7,11 @@ import pytest
 import trimesh
 from omegaconf import OmegaConf
 
+from composed_settings import run_settings
 from hlp.arrays import spread
 from hlp.commands.composing import compose_config
 from hlp.config import build
-from hlp.config.build import build_run, build_settings, check_symmetric
+from hlp.config.build import build_run, check_symmetric
 from hlp.config.composition import group_kinds, rows
 from hlp.config.settings import RunSettings
 from hlp.data.bop import BopSettings
@@ -50,7 +51,7 @@ def test_every_alternative_becomes_typed_settings(chosen):
     given = [f"{key}={name}" for key, name in chosen.items()]
     if chosen["executor"] == "dask":
         given.append("executor.address=tcp://host:8786")  # which only its user knows
-    settings = build_settings(compose_config("output=out", *given))
+    settings = run_settings(*given)
     for group, name in chosen.items():
         file = CONF / group / f"{name}.yaml"
         stated = OmegaConf.load(file).get("name") if file.is_file() else name
@@ -59,7 +60,7 @@ def test_every_alternative_becomes_typed_settings(chosen):
 
 @pytest.mark.parametrize("method", alternatives("method"))
 def test_methods_become_typed_settings(method):
-    assert isinstance(build_settings(compose_config("output=out", f"method={method}")), RunSettings)
+    assert isinstance(run_settings(f"method={method}"), RunSettings)
 
 
 def test_the_default_run_is_the_demo_and_needs_no_files(default):
@@ -109,7 +110,7 @@ def test_a_wrong_value_is_named_by_its_key(default, key, value, message):
 
 def test_more_components_than_there_are_are_refused(default):
     with pytest.raises(ValueError, match=r"^encoder\.dimension is 600: 12 × 12 .* 432 components$"):
-        build_settings(compose_config("output=out", "encoder=pca", "encoder.dimension=600"))
+        run_settings("encoder=pca", "encoder.dimension=600")
 
 
 @pytest.fixture

@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
+from composed_settings import run_settings
 from forked_hlp import run_hlp
 from frame_files import write_camera, write_image
 from hlp import Detector
 from hlp.cli import main
-from hlp.commands.composing import compose_config
-from hlp.config.build import build_settings
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
@@ -200,8 +199,8 @@ def test_what_is_wrong_is_said_before_anything_is_learnt(own, words, said, monke
 @pytest.mark.slow
 def test_the_python_api_finds_the_same_poses(own, first, tmp_path):
     """One code path: what `hlp predict` learns and finds, `Detector` does, to the last bit."""
-    general = ("output=o", "~experiment", "name=learn", "data=bop", "data.root=.")
-    settings = build_settings(compose_config(*general, *TINY)).method
+    general = ("~experiment", "name=learn", "data=bop", "data.root=.")
+    settings = run_settings(*general, *TINY).method
     mesh = Path(own.given["model"])
     detector = Detector.learn({mesh.stem: mesh}, tmp_path / "learnt", settings=settings)
     files = {key: own.given[key] for key in ("rgb", "depth", "intrinsics")}
