@@ -37,6 +37,21 @@ def as_mesh(shape: trimesh.Trimesh, color: tuple[int, int, int] = (180, 180, 180
     )
 
 
+def model_of(
+    shape: trimesh.Trimesh, color: tuple[int, int, int] = (180, 180, 180), name: str = "part"
+) -> ObjectModel:
+    """An object of one colour without symmetry."""
+    mesh = as_mesh(shape, color)
+    spread = mesh.vertices[:, None] - mesh.vertices
+    diameter = float(np.linalg.norm(spread, axis=-1).max())
+    return ObjectModel(1, name, mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+
+
+def colorless(model: ObjectModel) -> ObjectModel:
+    """The same object, of whose colours nothing is known."""
+    return replace(model, mesh=replace(model.mesh, colored=False))
+
+
 def make_model() -> ObjectModel:
     """A body, a tower at one end and a ball at the other; its origin lies outside of it."""
     body = trimesh.creation.box((0.10, 0.05, 0.04))
@@ -46,10 +61,7 @@ def make_model() -> ObjectModel:
     ball.apply_translation([-0.035, -0.02, 0.025])
     shape = trimesh.util.concatenate([body, tower, ball])
     shape.apply_translation([0.03, -0.02, 0.05])
-    mesh = as_mesh(shape, (170, 90, 60))
-    spread = mesh.vertices[:, None] - mesh.vertices[None]
-    diameter = float(np.linalg.norm(spread, axis=-1).max())
-    return ObjectModel(1, "toy", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+    return model_of(shape, (170, 90, 60), "toy")
 
 
 def posed(model: ObjectModel, rotation: np.ndarray, centroid: np.ndarray) -> np.ndarray:

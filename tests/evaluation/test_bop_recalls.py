@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from boxes import EXTENTS, TRUE, box_model, moved
 from ray_boxes import box_depth
 from scipy.spatial.transform import Rotation
@@ -9,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from hlp.evaluation.bop_recalls import FRACTIONS, BopRecalls, measured_mask, unoccluded_mask
 from hlp.evaluation.errors import VSD_DELTA
 from hlp.geometry import rigid
-from hlp.records import Frame, Mesh, ObjectModel, Target
+from hlp.records import Frame, Target
+from refinement_scene import model_of
 
 DIAMETER = float(np.linalg.norm(EXTENTS))
 K = np.array([[570.0, 0.0, 81.3], [0.0, 560.0, 58.6], [0.0, 0.0, 1.0]])
@@ -114,9 +116,7 @@ def plate():
     """A flat square of 20 cm, seen face on from 1 m: 20 px wide about the image's centre."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 0.1
     faces = np.array([[0, 1, 2], [0, 2, 3]])
-    normals = np.tile([0.0, 0.0, -1.0], (4, 1))
-    mesh = Mesh(corners, faces, np.full((4, 3), 99, np.uint8), normals)
-    return ObjectModel(1, "plate", mesh, mesh, 0.28, np.eye(4)[None], 0.1, 0.04)
+    return model_of(trimesh.Trimesh(corners, faces, process=False))
 
 
 TARGET = Target(1, rigid(np.eye(3), np.array([0.0, 0.0, 1.0])))

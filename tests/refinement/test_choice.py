@@ -12,7 +12,7 @@ from hlp.refinement.refiner import Refinement
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.turns import half_turns
 from hlp.refinement.verification import Verifier, observe
-from refinement_scene import CAMERA, disturbed, error
+from refinement_scene import CAMERA, colorless, disturbed, error
 
 
 class Recorder:
@@ -106,7 +106,7 @@ def test_what_scores_too_little_early_on_is_given_up_and_not_searched_again(
 
 
 def test_what_is_found_upside_down_without_colours_is_turned_over(scene, verification):
-    model = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
+    model = colorless(scene.model)
     for part, away in ((model, 0.0), (scene.model, 180.0)):
         start = scene.pose @ half_turns(model)[:1]
         result = choose(replace(scene, model=part), verification, Recorder(), start)

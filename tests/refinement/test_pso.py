@@ -13,7 +13,7 @@ from hlp.records import Hypotheses
 from hlp.refinement.pso import PsoRefiner, PsoSettings, search
 from hlp.refinement.refiner import Refinement
 from hlp.refinement.swarm_kernel import apply_offsets, update_swarm
-from refinement_scene import disturbed, error, posed
+from refinement_scene import colorless, disturbed, error, posed
 
 CENTROID = np.array([0.02, -0.01, 0.03])
 RNG = np.random.default_rng(0)
@@ -101,7 +101,7 @@ def test_a_hopeless_pose_is_given_up_early_and_any_other_is_not_affected(scene, 
 @pytest.mark.parametrize("colored", [False, True])
 def test_without_colours_a_hypothesis_that_soon_costs_much_is_given_up(scene, settings, colored):
     """The bad one is in the air before the object."""
-    model = replace(scene.model, mesh=replace(scene.model.mesh, colored=colored))
+    model = scene.model if colored else colorless(scene.model)
     far = scene.pose.copy()
     far[2, 3] *= 0.7
     coarse = Hypotheses(np.stack([disturbed(scene, 5, 5, 1), far]), np.ones(2))

@@ -21,6 +21,7 @@ from hlp.refinement.verification import VerificationSettings, observe
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import Light
 from hlp.rendering.surface import color_grid
+from refinement_scene import as_mesh, colorless, model_of
 
 CAMERA = np.array([[520.0, 0.0, 159.5], [0.0, 520.0, 119.5], [0.0, 0.0, 1.0]])
 SHAPE = (240, 320)
@@ -34,14 +35,9 @@ def _model(shape, near_symmetries):
     points = np.array(fine.vertices)
     waves = np.random.default_rng(5).normal(scale=60.0, size=(3, 3))
     colors = 120 + 80 * np.sin(points @ waves + [0.3, 1.1, 2.0])
-    mesh = Mesh(
-        points, np.array(fine.faces), colors.astype(np.uint8), np.array(fine.vertex_normals)
-    )
-    diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
-    symmetries = np.eye(4)[None]
-    return ObjectModel(
-        1, "box", mesh, mesh, diameter, symmetries, 0.1, 0.04, np.stack(near_symmetries)
-    )
+    mesh = replace(as_mesh(fine), colors=colors.astype(np.uint8))
+    model = model_of(shape)
+    return replace(model, mesh=mesh, proxy=mesh, near_symmetries=np.stack(near_symmetries))
 
 
 def _scene(model, seed, hidden=False):
@@ -50,12 +46,8 @@ def _scene(model, seed, hidden=False):
     pose = rigid(turn, np.array([0.01, -0.02, 0.6]))
     parts = [(model.mesh, pose)]
     if hidden:
-        cover = trimesh.creation.box((0.05, 0.2, 0.02))
-        colors = np.full((8, 3), 200, np.uint8)
-        cover_mesh = Mesh(
-            np.array(cover.vertices), np.array(cover.faces), colors, np.array(cover.vertex_normals)
-        )
-        parts.append((cover_mesh, rigid(np.eye(3), np.array([0.03, -0.02, 0.45]))))
+        cover = as_mesh(trimesh.creation.box((0.05, 0.2, 0.02)), (200, 200, 200))
+        parts.append((cover, rigid(np.eye(3), np.array([0.03, -0.02, 0.45]))))
     rgb, depth, _ = render_scene(parts, CAMERA, SHAPE, LIGHT)
     tinted = rgb * np.array([1.1, 0.95, 0.8]) * 0.8 + rng.normal(scale=4.0, size=rgb.shape)
     noisy = (depth + rng.normal(scale=0.002, size=SHAPE) * (depth > 0)).astype(np.float32)
@@ -70,6 +62,11 @@ def _disturbed(pose, seed):
     return rigid(turn @ pose[:3, :3], pose[:3, 3] + rng.normal(scale=0.001, size=3))
 
 
+def _off(found, pose):
+    """The angle between two poses, in degrees."""
+    return np.degrees(rotation_distance(found[:3, :3], pose[:3, :3]))
+
+
 @pytest.mark.parametrize("hidden", [False, True])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_flip_that_the_colours_show_is_chosen(seed, hidden):
@@ -77,9 +74,7 @@ def test_the_flip_that_the_colours_show_is_chosen(seed, hidden):
     pose, observation = _scene(model, seed, hidden)
     for motion in [np.eye(4), *HALF_TURNS]:
         start = _disturbed(pose, seed) @ motion
-        chosen = choose_by_texture(observation, model, start)
-        wrong = rotation_distance(chosen[:3, :3], pose[:3, :3])
-        assert np.degrees(wrong) < 3.0
+        assert _off(choose_by_texture(observation, model, start), pose) < 3.0
 
 
 def _round_model():
@@ -96,8 +91,7 @@ def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
         pose, observation = _scene(model, seed)
         turned = Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix()
         chosen = choose_by_texture(observation, model, pose @ rigid(turned, np.zeros(3)))
-        wrong = rotation_distance(chosen[:3, :3], pose[:3, :3])
-        assert np.degrees(wrong) < 4.0
+        assert _off(chosen, pose) < 4.0
 
 
 def test_a_tracked_pose_turns_by_a_few_steps_and_not_by_half_a_turn():
@@ -105,8 +99,7 @@ def test_a_tracked_pose_turns_by_a_few_steps_and_not_by_half_a_turn():
     pose, observation = _scene(model, 0)
     for angle, near in ((13.0, True), (-22.0, True), (180.0, False)):
         turned = rigid(Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix(), np.zeros(3))
-        chosen = choose_nearby_by_texture(observation, model, pose @ turned)
-        wrong = np.degrees(rotation_distance(chosen[:3, :3], pose[:3, :3]))
+        wrong = _off(choose_nearby_by_texture(observation, model, pose @ turned), pose)
         assert wrong < 4.0 if near else wrong > 140.0
     box = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
     pose, observation = _scene(box, 0)
@@ -202,8 +195,7 @@ def test_colours_agree_with_the_right_pose_and_not_with_a_grey_or_other_image():
 def test_without_colours_or_pixels_nothing_contradicts():
     model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
     pose, observation = _scene(model, 3)
-    colourless = replace(model, mesh=replace(model.mesh, colored=False))
-    assert color_agreement(observation, colourless, pose) == ColorAgreement(0.0, 0.0)
+    assert color_agreement(observation, colorless(model), pose) == ColorAgreement(0.0, 0.0)
     away = rigid(np.eye(3), np.array([2.0, 0.0, 0.6])) @ pose
     assert color_agreement(observation, model, away) == ColorAgreement(0.0, 0.0)
 

@@ -9,14 +9,13 @@ import trimesh
 
 from hlp.geometry import inverse, rigid, transform
 from hlp.image_edges import NO_EDGE, color_edges, edges
-from hlp.records import Mesh, ObjectModel
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.rendering.views import thomson
 from hlp.templates.building import DIRECTIONS, TemplateSettings, build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from hlp.threads import ThreadTeam
-from refinement_scene import as_mesh
+from refinement_scene import as_mesh, model_of
 
 CAMERA = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
 SHAPE = (480, 640)
@@ -36,9 +35,7 @@ def plate():
         box = trimesh.creation.box((*size, 0.012))
         box.apply_translation((*at, 0.0))
         boxes.append(box)
-    mesh = as_mesh(trimesh.util.concatenate(boxes))
-    diameter = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    return ObjectModel(1, "plate", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+    return model_of(trimesh.util.concatenate(boxes))
 
 
 @pytest.fixture(scope="module")
@@ -53,12 +50,7 @@ def scene(plate, turn):
     pose = rigid(rotation, np.array([0.05, -0.03, 0.6]) - rotation @ plate.centroid)
     table = as_mesh(trimesh.creation.box((0.7, 0.7, 0.01)), (70, 100, 150))
     under = rigid(flat, np.array([0.05, -0.03, 0.6]) - flat @ [0.0, 0.0, 0.011])
-    painted = Mesh(
-        plate.mesh.vertices,
-        plate.mesh.faces,
-        np.full_like(plate.mesh.colors, 200),
-        plate.mesh.normals,
-    )
+    painted = replace(plate.mesh, colors=np.full_like(plate.mesh.colors, 200))
     rgb, depth, _ = render_scene([(painted, pose), (table, under)], CAMERA, SHAPE, FRONTAL_LIGHT)
     return rgb, depth, pose
 

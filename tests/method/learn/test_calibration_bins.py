@@ -9,13 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid, transform
 from hlp.method.learn.calibration_bins import bin_walls, copies, lying, with_random_color
-from hlp.records import ObjectModel
-from refinement_scene import as_mesh
+from refinement_scene import as_mesh, model_of
 
 
 def plate():
-    mesh = as_mesh(trimesh.creation.box((0.12, 0.08, 0.01)))
-    return ObjectModel(1, "plate", mesh, mesh, 0.145, np.eye(4)[None], 0.1, 0.04)
+    return model_of(trimesh.creation.box((0.12, 0.08, 0.01)))
 
 
 def random_case(model, rng):
