@@ -1,13 +1,16 @@
 """A synthetic scene: an object without symmetry on a table, partly hidden by a box, noisy depth."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import trimesh
 
 from hlp.geometry import rigid
-from hlp.records import Mesh, ObjectModel
-from hlp.refinement.verification import Observation, VerificationSettings, observe
+from hlp.records import Hypotheses, Mesh, ObjectModel
+from hlp.refinement.choice import InstanceSearch
+from hlp.refinement.refiner import Refiner
+from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import FRONTAL_LIGHT
 
@@ -116,6 +119,24 @@ def disturbed(scene: Scene, degrees: float, millimetres: float, seed: int) -> np
     centre = scene.pose[:3, :3] @ scene.model.centroid + scene.pose[:3, 3]
     moved = centre + shift / np.linalg.norm(shift) * millimetres / 1000
     return posed(scene.model, turn @ scene.pose[:3, :3], moved)
+
+
+def search_of(
+    scene: Scene,
+    verification: VerificationSettings,
+    refiner: Refiner,
+    poses: np.ndarray,
+    candidates: int = 8,
+    max_improvement: float = 0.1,
+    most: int | None = None,
+    **rules: Any,
+) -> InstanceSearch:
+    """A search from poses of the same support, which therefore adds nothing to the cost."""
+    settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
+    seen = observe(scene.rgb, scene.depth, scene.camera_matrix, settings)
+    coarse, verifier = Hypotheses(poses, np.ones(len(poses))), Verifier(scene.model, settings)
+    rules |= {"candidates": most, "min_score": 0.5}
+    return InstanceSearch(refiner, verifier, seen, coarse, seed=3, **rules)
 
 
 def shifted_model(

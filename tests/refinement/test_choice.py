@@ -12,7 +12,7 @@ from hlp.refinement.refiner import Refinement
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.turns import half_turns
 from hlp.refinement.verification import Verifier, observe
-from refinement_scene import CAMERA, colorless, disturbed, error
+from refinement_scene import CAMERA, colorless, disturbed, error, search_of
 
 
 class Recorder:
@@ -35,27 +35,8 @@ class Recorder:
         return Refinement(answer.pose_cam_obj, answer.iterations + 1)
 
 
-def try_to_choose(
-    scene,
-    verification,
-    refiner,
-    poses,
-    candidates=8,
-    max_improvement=0.1,
-    most=None,
-    early_score=None,
-):
-    # All have the same support, which therefore adds nothing to the cost.
-    hypotheses = Hypotheses(poses, np.ones(len(poses)))
-    settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
-    seen = observe(scene.rgb, scene.depth, CAMERA, settings)
-    verifier = Verifier(scene.model, settings)
-    rules = {"candidates": most, "early_score": early_score, "min_score": 0.5}
-    return InstanceSearch(refiner, verifier, seen, hypotheses, seed=3, **rules).find()
-
-
 def choose(*args, **options):
-    result = try_to_choose(*args, **options)
+    result = search_of(*args, **options).find()
     assert result is not None
     return result
 
@@ -175,7 +156,7 @@ def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(scene, verificat
     np.testing.assert_array_equal(result.costs, alone.costs)
     assert result.sources[result.best] == 5
     refiner = Recorder()
-    assert try_to_choose(scene, verification, refiner, bad[[0, 2, 4]]) is None
+    assert search_of(scene, verification, refiner, bad[[0, 2, 4]]).find() is None
     assert refiner.asked == [] and refiner.searched_again == []
 
 

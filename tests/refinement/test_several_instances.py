@@ -1,36 +1,19 @@
 """Several instances of one object in a frame: each is chosen once, on pixels of its own."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from hlp.geometry import transform
-from hlp.records import Hypotheses
-from hlp.refinement.choice import InstanceSearch
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import NoneSettings, Refinement
 from hlp.refinement.verification import Verifier, observe
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import FRONTAL_LIGHT
-from refinement_scene import CAMERA, SHAPE, disturbed
+from refinement_scene import CAMERA, SHAPE, disturbed, search_of
 
 
-def find(row, poses, verification, count, **given):
-    refiner = given.get("settings", NoneSettings()).build(1)
-    scene = row[0]
-    settings = replace(
-        verification, candidates=8, max_improvement=given.get("max_improvement", 0.1)
-    )
-    search = InstanceSearch(
-        refiner,
-        Verifier(scene.model, settings),
-        observe(scene.rgb, scene.depth, CAMERA, settings),
-        Hypotheses(poses, np.ones(len(poses))),
-        seed=3,
-        score=given.get("score"),
-        min_score=0.5,
-    )
-    return search.find(count)
+def find(row, poses, verification, count, settings=None, **given):
+    refiner = (settings or NoneSettings()).build(1)
+    return search_of(row[0], verification, refiner, poses, **given).find(count)
 
 
 def centres(row, found):
