@@ -4,8 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mlflow import MlflowClient
 from mlflow.entities import Run
+
+from hlp.geometry import rigid
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -25,6 +28,11 @@ def stages(output: Path, *, reused: bool) -> dict[str, int]:
 def poses_of(output: Path) -> str:
     """The digest of a run's poses."""
     return str(read_json(output / "manifest.json")["poses"])
+
+
+def stated_pose(answer: dict[str, Any]) -> np.ndarray:
+    """The pose (4, 4) that BOP's rotation and translation in millimetres state."""
+    return rigid(np.reshape(answer["cam_R_m2c"], (3, 3)), np.array(answer["cam_t_m2c"]) / 1000.0)
 
 
 def logged_runs(folder: Path, work: str = "work") -> tuple[MlflowClient, list[Run]]:

@@ -7,7 +7,7 @@ import pytest
 from process import BOP_PLACES, stop_hlp
 
 from bop_sets import SMALLEST, write_bop_set
-from forked_hlp import run_hlp
+from forked_hlp import succeed
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
@@ -43,8 +43,7 @@ def test_nothing_is_lost_and_nothing_that_was_finished_is_done_twice(tmp_path):
     for folder in folders:
         folder.mkdir()
     whole, stopped = folders
-    ended = run_hlp(whole, *command)
-    assert ended.returncode == 0, ended.stderr
+    succeed(whole, *command)
     done, steps = {}, []
     for place in BOP_PLACES:
         stop_hlp(stopped, place, signal.SIGKILL, *command)
@@ -53,8 +52,7 @@ def test_nothing_is_lost_and_nothing_that_was_finished_is_done_twice(tmp_path):
         done = found
         steps.append(len(found))
     assert 0 < steps[0] < steps[1] < steps[2]
-    ended = run_hlp(stopped, *command)
-    assert ended.returncode == 0, ended.stderr
+    ended = succeed(stopped, *command)
     assert ended.stdout.count("finished already") == 2, ended.stdout
     assert done.items() <= _finished(stopped).items()
     tables = sorted(path.name for path in (whole / "out").glob("*.csv"))

@@ -21,6 +21,7 @@ from frame_files import write_image
 from hlp.data.synthetic.objects import demo_objects
 from hlp.evaluation.errors import add_s
 from moving_scene import CAMERA, SimulatedCamera, path
+from run_files import stated_pose
 
 pytestmark = pytest.mark.slow
 
@@ -78,10 +79,7 @@ def write(folder, image):
 
 
 def check_pose(found, true):
-    pose = np.eye(4)
-    pose[:3, :3] = np.array(found["cam_R_m2c"]).reshape(3, 3)
-    pose[:3, 3] = np.array(found["cam_t_m2c"]) / 1000.0
-    assert add_s(pose, true, BEAR.mesh.vertices) < 0.1 * BEAR.diameter
+    assert add_s(stated_pose(found), true, BEAR.mesh.vertices) < 0.1 * BEAR.diameter
 
 
 def test_each_image_of_an_own_camera_is_answered(learnt, tmp_path):
