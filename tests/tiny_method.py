@@ -36,7 +36,12 @@ def tiny_method(*overrides: str) -> MethodSettings:
 
 
 def write_mesh(folder: Path, model: ObjectModel) -> Path:
-    """The object's mesh as a PLY file in millimetres."""
+    """The object's mesh as a PLY file of its name."""
+    return export_mesh(folder / f"{model.name}.ply", model)
+
+
+def export_mesh(path: Path, model: ObjectModel) -> Path:
+    """The object's mesh as a file in millimetres."""
     mesh = trimesh.Trimesh(
         model.mesh.vertices * 1000.0,
         model.mesh.faces,
@@ -44,7 +49,6 @@ def write_mesh(folder: Path, model: ObjectModel) -> Path:
         vertex_colors=model.mesh.colors,
         process=False,
     )
-    path = folder / f"{model.name}.ply"
     mesh.export(path)
     return path
 
