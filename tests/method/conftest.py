@@ -1,4 +1,7 @@
-"""A frame for the tests of the detector."""
+"""A frame, and learnt objects to change, for the tests of the detector."""
+
+import shutil
+from pathlib import Path
 
 import pytest
 
@@ -32,3 +35,14 @@ def frame():
         return max(bears, default=0.0)
 
     return max(frames, key=visible)
+
+
+@pytest.fixture
+def image(frame):
+    return frame.rgb, frame.depth, frame.camera_matrix
+
+
+@pytest.fixture
+def folder(learnt, tmp_path):
+    """A copy of the learnt objects."""
+    return Path(shutil.copytree(learnt, tmp_path / "learnt"))

@@ -18,11 +18,6 @@ from tiny_method import MODELS
 EVERY = {"max_instances": 1, "min_score": 0.0}  # as if the object were there
 
 
-@pytest.fixture
-def image(frame):
-    return frame.rgb, frame.depth, frame.camera_matrix
-
-
 def true_pose(frame, name):
     (target,) = [t for t in frame.targets if t.object_id == MODELS[name].object_id]
     return target.pose_cam_obj
