@@ -88,6 +88,8 @@ WRONG = [
     ("refinement.phi_1", 1.0, r"^refinement\.phi_1 \+ phi_2 is 2\.3: it must be above 4$"),
     ("encoder.input", "depth", r"^encoder\.input .*'rgbd' or 'normals_depth'$"),
     ("encoder.name", "cea", r"^encoder\.name is 'cea': choose one of cae, contrastive, pca$"),
+    ("task.name", "orakel", r"^task\.name is 'orakel': choose one of basin, bench, evaluate, "),
+    ("task.frame", 3, r"^task\.frame is not a key: "),
     ("classifier.widths", [8] * 7, r"^classifier\.widths is .*1 to 6"),
     ("frames", 0, r"^frames is 0: it must be at least 1$"),
     ("data.objects", [4, 9], r"^data\.objects\.1 is 9: it must be at most 8$"),

@@ -37,22 +37,6 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
         assert own.rendering != demo.rendering and own.name == experiment
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (["+task.frame=3"], r"^task\.frame is not a key: did you mean frames\?$"),
-        (["task.agree_mm=wide"], r"^task\.agree_mm is 'wide': it must be a number$"),
-        (
-            ["task.name=orakel"],
-            r"^task\.name is 'orakel': choose one of basin, bench, evaluate, oracle, search$",
-        ),
-    ],
-)
-def test_a_wrong_value_is_named_by_its_key(overrides, message):
-    with pytest.raises(ValueError, match=message):
-        run_settings("experiment=oracle", *overrides)
-
-
 def test_a_refiner_that_is_not_there_is_named_and_others_can_be_added():
     with pytest.raises(ValueError, match=r"^task\.compared names 'psi': choose of pso, icp, none"):
         run_settings("experiment=basin", "task.compared=[psi]")

@@ -20,6 +20,7 @@ def box_model(extents, object_id=1, name="box", symmetries=None, center=(0.0, 0.
 
 
 EXTENTS = (0.06, 0.08, 0.10)
+K = np.array([[570.0, 0.0, 81.3], [0.0, 560.0, 58.6], [0.0, 0.0, 1.0]])
 TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.01, 0.0, 0.8]))
 
 

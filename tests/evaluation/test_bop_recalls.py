@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from boxes import EXTENTS, TRUE, box_model, moved
+from boxes import EXTENTS, TRUE, K, box_model, moved
 from ray_boxes import box_depth
 from scipy.spatial.transform import Rotation
 
@@ -14,7 +14,6 @@ from hlp.records import Frame, Target
 from refinement_scene import model_of
 
 DIAMETER = float(np.linalg.norm(EXTENTS))
-K = np.array([[570.0, 0.0, 81.3], [0.0, 560.0, 58.6], [0.0, 0.0, 1.0]])
 SHAPE = (120, 160)
 QUARTER = rigid(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.zeros(3))
 
