@@ -28,6 +28,13 @@ TINY = (
     "score.scenes=2",
     "classifier.min_batches=0",
 )
+LEARNS_WELL = (
+    *("rendering.coverage=hemisphere", "rendering.in_plane_min_deg=-45"),
+    *("rendering.in_plane_max_deg=45", "rendering.in_plane_steps=7"),
+    *("patches.pool.per_object=900", "patches.pairs.per_object=600"),
+    *("patches.pool.distractor_scenes=10", "classifier.epochs=4", "classifier.min_batches=60"),
+)
+"""What finds the demo's objects for sure, after a minute of learning."""
 
 
 def tiny_method(*overrides: str) -> MethodSettings:

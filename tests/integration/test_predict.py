@@ -20,18 +20,14 @@ from hlp.geometry import rotation_distance
 from hlp.records import Target
 from run_files import read_json, stated_pose
 from table_text import csv_rows
-from tiny_method import write_mesh
+from tiny_method import LEARNS_WELL, write_mesh
 
 DRILL = 5
 TENTHS = 10_000.0  # of a millimetre, the unit of depth in files
 LOOKED_AT = (0, 2)  # frames in which the drill is near and in full view
 TINY = (
-    *("encoder=pca", "rendering.coverage=hemisphere", "rendering.viewpoints=80"),
-    *("rendering.in_plane_min_deg=-45", "rendering.in_plane_max_deg=45"),
-    *("rendering.in_plane_steps=7", "patches.pool.per_object=900", "score.scenes=6"),
-    *("patches.pool.backgrounds=300", "patches.pool.distractor_scenes=10"),
-    *("patches.pairs.per_object=600", "classifier.epochs=4", "classifier.min_batches=60"),
-    "machine.threads=2",
+    *(*LEARNS_WELL, "encoder=pca", "rendering.viewpoints=80", "score.scenes=6"),
+    *("patches.pool.backgrounds=300", "machine.threads=2"),
 )
 FILES = {"model": "my drill.ply", "rgb": "rgb", "depth": "depth", "intrinsics": "camera.json"}
 

@@ -198,14 +198,6 @@ def test_near_neighbours_of_one_object_are_no_negatives(module, other, millimetr
         assert found < reference(module, batch) - 1e-4
 
 
-def test_a_pair_is_never_its_own_neighbour(module):
-    batch = make_batch()
-    batch["object_ids"][:] = 3
-    batch["points_obj"][:] = 0.0
-    batch["rotations"][:] = torch.eye(3)
-    assert loss_of(module, batch) == pytest.approx(0.0, abs=1e-6)
-
-
 @pytest.mark.parametrize("kind", ["rgbd", "normals_depth"])
 def test_training_sees_patches_as_detection_does(kind):
     patches = random_patches(5, seed=1)

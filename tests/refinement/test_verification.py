@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt, sobel
 from hlp.image_edges import NO_EDGE, color_edges
 from hlp.refinement import verification
 from hlp.refinement.cost_kernel import WORST, depth_edges
-from hlp.refinement.verification import Evidence, VerificationSettings, Verifier, observe
+from hlp.refinement.verification import Evidence, Verifier, observe
 from hlp.rendering.rasterizer import render_depth, render_rgbd
 from hlp.rendering.shading import Light
 from packed_boxes import POSES, WHITE, box, frame
@@ -180,14 +180,6 @@ def test_poses_are_judged_alone(scene, verification):
     verifier, observation = Verifier(scene.model, verification), seen(scene, verification)
     alone = [verifier.costs(observation, pose[None])[0] for pose in poses]
     np.testing.assert_array_equal(verifier.costs(observation, poses), alone)
-
-
-def test_colour_edges_count_for_objects_without_colours_only(scene):
-    gray, seen = colorless(scene.model), scene.seen
-    assert seen.edges_of(scene.model) is None
-    assert seen.edges_of(gray) is seen.edge_distance
-    no_color = replace(VerificationSettings(), tau_image_edge_mm=None)
-    assert observe(scene.rgb, scene.depth, CAMERA, no_color).edges_of(gray) is None
 
 
 def test_an_objects_depth_is_drawn_once_in_an_image_and_its_copies(monkeypatch):
