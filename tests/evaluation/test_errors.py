@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from generated_values import motions, point_sets, poses_in_front
+from generated_values import motions, point_sets, poses_in_front, turns_about_z
 from hlp.evaluation import EvaluationSettings, errors
 from hlp.evaluation.errors import is_symmetric_flip, near_truth, rotation_error
 from hlp.geometry import (
@@ -130,9 +130,7 @@ def test_flipped_is_what_lies_on_the_surface_but_is_turned(pose, model, flipped)
 def symmetric_objects(draw):
     """Vertices and the cyclic group of 2 to 6 motions, about any axis, that maps them to them."""
     place = draw(motions(0.02))
-    order = draw(st.integers(2, 6))
-    turns = [Rotation.from_rotvec([0, 0, 2 * np.pi * i / order]).as_matrix() for i in range(order)]
-    group = np.stack([place @ rigid(turn, np.zeros(3)) @ inverse(place) for turn in turns])
+    group = place @ turns_about_z(draw(st.integers(2, 6))) @ inverse(place)
     part = draw(point_sets(1, 12))
     return np.concatenate([transform(each, part) for each in group]), group
 

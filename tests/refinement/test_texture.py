@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from generated_values import turns_about_z
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Mesh, ObjectModel, Texture
 from hlp.refinement import texture
@@ -79,10 +80,8 @@ def test_the_flip_that_the_colours_show_is_chosen(seed, hidden):
 
 def _round_model():
     """A cylinder that looks alike by depth in steps of 5° about its axis."""
-    angles = np.arange(1, 72) * np.radians(5.0)
-    turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
     cylinder = trimesh.creation.cylinder(0.035, 0.12, sections=48)
-    return _model(cylinder, list(rigid(turns, np.zeros(3))))
+    return _model(cylinder, turns_about_z(72)[1:])
 
 
 def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
