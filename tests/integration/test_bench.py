@@ -79,7 +79,6 @@ def test_a_search_that_is_timed_has_the_same_answers(tiny_run):
     for observer in (clock.enter, nobody):
         context = estimator.prepare(frame, observer=observer)
         trace = search_frame(context, {object_id: 1}, by_threads=False)[object_id]
-        assert trace.refined is not None
         found.append([pose.tolist() for pose in trace.refined.chosen_poses])
         if observer is not nobody:
             assert set(clock.stop()) == set(PARTS)

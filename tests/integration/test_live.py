@@ -64,9 +64,7 @@ def ended(process):
 
 
 def answer(process):
-    assert process.stdout is not None
-    line = json.loads(process.stdout.readline())
-    return line
+    return json.loads(process.stdout.readline())
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +94,7 @@ def test_each_image_of_an_own_camera_is_answered(learnt, tmp_path):
         assert found["tracked"] == (number > 0)
         check_pose(found, true)
     picture = cv2.imread(str(tmp_path / "last.png"))
-    assert picture is not None and picture.shape == (240, 320, 3)
+    assert picture.shape == (240, 320, 3)
     assert not list(tmp_path.glob(".last*"))
 
 
@@ -117,7 +115,6 @@ def test_a_folder_is_followed_until_ctrl_c(learnt, tmp_path, images):
     assert [found["tracked"] for found in answer(process)["found"]] == [False]
     write(tmp_path, images[1])
     assert [found["tracked"] for found in answer(process)["found"]] == [True]
-    assert process.stderr is not None
     address = process.stderr.readline().split()[1]
     assert cv2.imdecode(np.frombuffer(picture(address), np.uint8), 1).shape == (240, 320, 3)
     process.send_signal(signal.SIGINT)
@@ -128,7 +125,7 @@ def test_a_folder_is_followed_until_ctrl_c(learnt, tmp_path, images):
 
 def test_a_program_names_images_and_reads_answers(learnt, tmp_path, images):
     process = start(tmp_path, "source=stdin", f"learnt={learnt}", INTRINSICS, "depth_scale=1")
-    assert process.stdin is not None and answer(process)["ready"]
+    assert answer(process)["ready"]
     for image, true in zip(images[:2], POSES, strict=False):
         process.stdin.write(json.dumps(write(tmp_path, image)) + "\n")
         process.stdin.flush()
@@ -145,9 +142,9 @@ def test_a_program_names_images_and_reads_answers(learnt, tmp_path, images):
 def test_it_ends_when_nobody_reads_the_answers(learnt, tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     with start(tmp_path, "source=own.py:simulated", f"learnt={learnt}") as process:
-        assert answer(process)["ready"] and process.stdout is not None
+        assert answer(process)["ready"]
         process.stdout.close()
-        assert process.stderr is not None and process.stderr.read() == ""
+        assert process.stderr.read() == ""
     assert process.returncode == 141
 
 

@@ -36,9 +36,7 @@ class Recorder:
 
 
 def choose(*args, **options):
-    result = search_of(*args, **options).find()
-    assert result is not None
-    return result
+    return search_of(*args, **options).find()
 
 
 def costs_of(scene, verification, poses):

@@ -41,6 +41,10 @@ def _model(shape, near_symmetries):
     return replace(model, mesh=mesh, proxy=mesh, near_symmetries=np.stack(near_symmetries))
 
 
+BOX = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
+CARTON = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
+
+
 def _scene(model, seed, hidden=False):
     rng = np.random.default_rng(seed)
     turn = Rotation.random(random_state=seed).as_matrix()
@@ -71,11 +75,10 @@ def _off(found, pose):
 @pytest.mark.parametrize("hidden", [False, True])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_flip_that_the_colours_show_is_chosen(seed, hidden):
-    model = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
-    pose, observation = _scene(model, seed, hidden)
+    pose, observation = _scene(BOX, seed, hidden)
     for motion in [np.eye(4), *HALF_TURNS]:
         start = _disturbed(pose, seed) @ motion
-        assert _off(choose_by_texture(observation, model, start), pose) < 3.0
+        assert _off(choose_by_texture(observation, BOX, start), pose) < 3.0
 
 
 def _round_model():
@@ -100,10 +103,9 @@ def test_a_tracked_pose_turns_by_a_few_steps_and_not_by_half_a_turn():
         turned = rigid(Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix(), np.zeros(3))
         wrong = _off(choose_nearby_by_texture(observation, model, pose @ turned), pose)
         assert wrong < 4.0 if near else wrong > 140.0
-    box = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
-    pose, observation = _scene(box, 0)
+    pose, observation = _scene(BOX, 0)
     flipped = pose @ HALF_TURNS[0]
-    assert choose_nearby_by_texture(observation, box, flipped) is flipped
+    assert choose_nearby_by_texture(observation, BOX, flipped) is flipped
 
 
 def test_a_texture_decides_like_colours_on_the_vertices():
@@ -140,14 +142,12 @@ def test_a_texture_decides_like_colours_on_the_vertices():
 
 
 def test_without_near_symmetries_or_pixels_the_pose_stays():
-    model = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
-    pose, observation = _scene(model, 0)
-    alone = replace(model, near_symmetries=np.empty((0, 4, 4)))
+    pose, observation = _scene(BOX, 0)
+    alone = replace(BOX, near_symmetries=np.empty((0, 4, 4)))
     assert choose_by_texture(observation, alone, pose) is pose
     for shift in ([0, 0, -2.0], [0, 0, 0.5], [5.0, 0, 0]):
         away = rigid(np.eye(3), np.array(shift, dtype=float)) @ pose
-        chosen = choose_by_texture(observation, model, away)
-        assert chosen is away
+        assert choose_by_texture(observation, BOX, away) is away
 
 
 def test_the_kernel_agrees_with_numpy():
@@ -180,31 +180,28 @@ def test_the_kernel_agrees_with_numpy():
 
 
 def test_colours_agree_with_the_right_pose_and_not_with_a_grey_or_other_image():
-    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
-    pose, observation = _scene(model, 3)
-    right = color_agreement(observation, model, pose)
+    pose, observation = _scene(CARTON, 3)
+    right = color_agreement(observation, CARTON, pose)
     assert right.correlation > 0.9 and right.contrast > 0.3
-    wrong = color_agreement(observation, model, pose @ HALF_TURNS[0])
+    wrong = color_agreement(observation, CARTON, pose @ HALF_TURNS[0])
     assert wrong.correlation < 0.5
     grey = np.repeat(observation.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
-    flat = color_agreement(replace(observation, rgb=np.full_like(grey, 90)), model, pose)
+    flat = color_agreement(replace(observation, rgb=np.full_like(grey, 90)), CARTON, pose)
     assert abs(flat.correlation) < 0.1 and flat.contrast == right.contrast
 
 
 def test_without_colours_or_pixels_nothing_contradicts():
-    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
-    pose, observation = _scene(model, 3)
-    assert color_agreement(observation, colorless(model), pose) == ColorAgreement(0.0, 0.0)
+    pose, observation = _scene(CARTON, 3)
+    assert color_agreement(observation, colorless(CARTON), pose) == ColorAgreement(0.0, 0.0)
     away = rigid(np.eye(3), np.array([2.0, 0.0, 0.6])) @ pose
-    assert color_agreement(observation, model, away) == ColorAgreement(0.0, 0.0)
+    assert color_agreement(observation, CARTON, away) == ColorAgreement(0.0, 0.0)
 
 
 def test_agreement_of_colours_is_the_correlation_without_light():
     """By its definition: least squares instead of a projection, NumPy's dot products."""
-    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
-    pose, observation = _scene(model, 1)
-    seen = texture._seen_surface(observation, model.mesh, model, pose)
-    grid = color_grid(model.mesh)
+    pose, observation = _scene(CARTON, 1)
+    seen = texture._seen_surface(observation, CARTON.mesh, CARTON, pose)
+    grid = color_grid(CARTON.mesh)
     cells = ((seen.points - grid.corner) // grid.cell).astype(int)
     drawn = np.log([20.0 + grid.colors[tuple(np.maximum(cell, 0))] for cell in cells])
     vectors = []
@@ -214,6 +211,6 @@ def test_agreement_of_colours_is_the_correlation_without_light():
         vectors.append(np.column_stack([colors - mean[:, None], mean - fitted]).ravel())
     first, second = vectors
     expected = first @ second / np.sqrt((first @ first) * (second @ second))
-    found = color_agreement(observation, model, pose)
+    found = color_agreement(observation, CARTON, pose)
     assert found.correlation == pytest.approx(expected, abs=1e-4)
     assert found.contrast == pytest.approx(np.sqrt(second @ second / len(drawn)), rel=1e-4)

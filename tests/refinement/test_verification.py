@@ -62,7 +62,6 @@ def image_distance(scene, rendered, settings, reach):
         near = (edges != NO_EDGE) & (np.minimum(away, 16 - away) <= 3)
         maps.append(distance_transform_edt(~near))
     chosen = np.take_along_axis(np.stack(maps), nearest[None], axis=0)[0]
-    assert settings.tau_image_edge_mm is not None
     return chosen / reach * settings.tau_edge_mm / settings.tau_image_edge_mm
 
 
