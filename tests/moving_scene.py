@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import trimesh
 
+from hlp.evaluation.errors import add_s
 from hlp.geometry import rigid
 from hlp.records import CameraImage, ObjectModel
 from hlp.rendering.rasterizer import render_scene
@@ -31,6 +32,11 @@ def path(
     centres = np.array(start) + np.arange(steps)[:, None] * np.array([step_mm / 1000.0, 0.0, 0.0])
     poses = zip(rotations, centres, strict=True)
     return np.stack([posed(model, upright @ turn, centre) for turn, centre in poses])
+
+
+def is_right(pose: np.ndarray, true: np.ndarray, model: ObjectModel) -> bool:
+    """Whether ADD-S is less than a tenth of the diameter."""
+    return add_s(pose, true, model.mesh.vertices) < 0.1 * model.diameter
 
 
 def picture(

@@ -19,8 +19,7 @@ import hlp
 from forked_hlp import run_hlp
 from frame_files import write_image
 from hlp.data.synthetic.objects import demo_objects
-from hlp.evaluation.errors import add_s
-from moving_scene import CAMERA, SimulatedCamera, path
+from moving_scene import CAMERA, SimulatedCamera, is_right, path
 from run_files import stated_pose
 
 pytestmark = pytest.mark.slow
@@ -76,10 +75,6 @@ def write(folder, image):
     return write_image(folder, image.name, image)
 
 
-def check_pose(found, true):
-    assert add_s(stated_pose(found), true, BEAR.mesh.vertices) < 0.1 * BEAR.diameter
-
-
 def test_each_image_of_an_own_camera_is_answered(learnt, tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     process = start(tmp_path, "source=own.py:simulated", f"learnt={learnt}", "overlay=last.png")
@@ -92,7 +87,7 @@ def test_each_image_of_an_own_camera_is_answered(learnt, tmp_path):
         assert line["image"] == number and line["ms"] > 0.0 and line["missing"] == []
         assert found["object"] == "bear" and found["track"] == 0 and found["score"] >= 0.5
         assert found["tracked"] == (number > 0)
-        check_pose(found, true)
+        assert is_right(stated_pose(found), true, BEAR)
     picture = cv2.imread(str(tmp_path / "last.png"))
     assert picture.shape == (240, 320, 3)
     assert not list(tmp_path.glob(".last*"))
@@ -130,7 +125,7 @@ def test_a_program_names_images_and_reads_answers(learnt, tmp_path, images):
         process.stdin.write(json.dumps(write(tmp_path, image)) + "\n")
         process.stdin.flush()
         (found,) = answer(process)["found"]
-        check_pose(found, true)
+        assert is_right(stated_pose(found), true, BEAR)
     process.stdin.write('{"rgb": "none.png", "depth": "none.png"}\n')
     process.stdin.flush()
     line = answer(process)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from bad_input import written
 from forked_hlp import succeed
 from hlp.errors import ConfigError
 from hlp.models.encoder import ENCODERS
@@ -21,9 +22,7 @@ BLOCK = re.compile(r'```\w+ title="([^"]+)"\n(.*?)```', re.DOTALL)
 def plug_in(tmp_path):
     """A folder with the example's files, and what pip would write beside them."""
     for name, content in BLOCK.findall(CONTRIBUTING.read_text()):
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(content)
+        written(tmp_path / name, content)
     project = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]
     installed = tmp_path / "my_hlp-1.0.dist-info"
     installed.mkdir()

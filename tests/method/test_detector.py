@@ -12,6 +12,7 @@ from hlp import Detector
 from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
 from hlp.settings import SettingsError
+from moving_scene import is_right
 from new_process import printed_by
 from tiny_method import MODELS
 
@@ -32,9 +33,7 @@ def test_a_learnt_object_is_found_where_it_is(learnt, frame, image):
     assert found.runner_up is None or 0.0 <= found.runner_up.score <= 1.0
     assert 0.0 <= found.visible_fraction <= 1.0
     assert found.seconds > 0.0
-    bear = MODELS["bear"]
-    off = add_s(found.pose_cam_obj, true_pose(frame, "bear"), bear.mesh.vertices)
-    assert off < 0.1 * bear.diameter
+    assert is_right(found.pose_cam_obj, true_pose(frame, "bear"), MODELS["bear"])
 
 
 def test_what_is_not_good_enough_is_rejected_with_the_reason(learnt, image):

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
+from hlp.geometry import rigid
 from hlp.records import Mesh
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.shading import Light, random_light
@@ -37,11 +39,8 @@ def bumpy_ball(seed=0):
 
 def random_poses(count):
     rng = np.random.default_rng(1)
-    poses = np.stack(
-        [trimesh.transformations.random_rotation_matrix(rng.random(3)) for _ in range(count)]
-    )
-    poses[:, :3, 3] = rng.uniform([-0.02, -0.02, 0.4], [0.02, 0.02, 0.8], (count, 3))
-    return poses
+    places = rng.uniform([-0.02, -0.02, 0.4], [0.02, 0.02, 0.8], (count, 3))
+    return rigid(Rotation.random(count, random_state=rng).as_matrix(), places)
 
 
 def at(z):
