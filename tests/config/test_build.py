@@ -4,9 +4,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import trimesh
 from omegaconf import OmegaConf
 
+from bop_folder import write_models
 from composed_settings import run_settings
 from hlp.arrays import spread
 from hlp.commands.composing import compose_config
@@ -117,9 +117,7 @@ def bop(tmp_path):
     (scene / "scene_gt.json").write_text(json.dumps({"5": [pose]}))
     camera = {"cam_K": [500, 0, 320, 0, 500, 240, 0, 0, 1], "depth_scale": 1.0}
     (scene / "scene_camera.json").write_text(json.dumps({"5": camera}))
-    models = tmp_path / "lm" / "models"
-    models.mkdir()
-    trimesh.creation.box((60, 80, 100)).subdivide().export(models / "obj_000001.ply")
+    write_models(tmp_path / "lm" / "models", [1])
     return tmp_path / "lm"
 
 
@@ -152,7 +150,7 @@ def test_a_data_set_is_built_without_decoding_an_image(bop_config, monkeypatch):
     assert run.dataset.target_ids == (1,)
     model = run.dataset.models[1]
     assert (model.name, model.holistic_size) == ("box", 0.12)
-    assert model.diameter == pytest.approx(np.linalg.norm([0.06, 0.08, 0.1]))
+    assert model.diameter == pytest.approx(np.linalg.norm([0.08, 0.09, 0.1]))
 
 
 def test_bad_frames_are_known_when_the_run_is_built(bop_config):

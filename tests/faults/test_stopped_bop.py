@@ -1,6 +1,5 @@
 """`experiment=bop` killed while it learns, while it finds, and while its files are written."""
 
-import csv
 import signal
 
 import pytest
@@ -8,6 +7,7 @@ from process import BOP_PLACES, stop_hlp
 
 from bop_sets import SMALLEST, write_bop_set
 from forked_hlp import succeed
+from table_text import csv_rows
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
@@ -30,8 +30,7 @@ def _finished(folder):
 
 
 def _untimed(path):
-    with path.open() as stream:
-        rows = list(csv.DictReader(stream))
+    rows = csv_rows(path)
     return [{key: value for key, value in row.items() if key not in TIMED} for row in rows]
 
 

@@ -1,10 +1,9 @@
 """The method on real frames, which are skipped where they are absent, and the shipped defaults."""
 
-import json
-
 import numpy as np
 import pytest
 
+from bop_folder import write_targets
 from hlp import Detector
 from hlp.data.bop import BopSettings
 from hlp.data.file_frames import RgbdFrames
@@ -68,11 +67,9 @@ def test_cat_and_driller_are_found_and_a_detector_finds_the_same(shared_data, tm
         sorted(int(path.stem) for path in (root / "test" / scene / "rgb").iterdir())
         for scene in ("000006", "000008")
     )
-    chosen = [(6, image, 6) for image in cats[:: len(cats) // 6][:6]]
-    chosen += [(8, image, 8) for image in drillers[:3]]
-    keys = ("scene_id", "im_id", "obj_id")
-    targets = [{**dict(zip(keys, ids, strict=True)), "inst_count": 1} for ids in chosen]
-    (root / "few.json").write_text(json.dumps(targets))
+    targets = [(6, image, 6, 1) for image in cats[:: len(cats) // 6][:6]]
+    targets += [(8, image, 8, 1) for image in drillers[:3]]
+    write_targets(root / "few.json", targets)
     overrides = (
         *SMALL,
         "data.only=[cat,driller]",
