@@ -13,9 +13,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from frame_files import camera_entry, pose_entry
 from hlp.data.synthetic.bins import BinSettings
 from hlp.data.synthetic.scenes import SyntheticSettings
-from hlp.records import Frame, Mesh, ObjectModel, Target
+from hlp.records import Frame, Mesh, ObjectModel
 from tiny_run import TINY
 
 SMALLEST = (
@@ -168,10 +169,9 @@ def _write_split(
         folder = root / split / f"{scene:06d}"
         targets = [target for target in frame.targets if target.object_id in kept]
         _write_images(folder, image, frame, layout, without_depth=number == len(frames) - 1)
-        camera = {"cam_K": frame.camera_matrix.ravel().tolist(), "depth_scale": layout.depth_scale}
-        _add(folder / "scene_camera.json", image, camera)
+        _add(folder / "scene_camera.json", image, camera_entry(frame, layout.depth_scale))
         if annotated:
-            _add(folder / "scene_gt.json", image, [_pose(target) for target in targets])
+            _add(folder / "scene_gt.json", image, [pose_entry(target) for target in targets])
             info = [{"visib_fract": round(t.visible_fraction, 4)} for t in targets]
             _add(folder / "scene_gt_info.json", image, info)
         place = {"scene_id": scene, "im_id": image}
@@ -197,15 +197,6 @@ def _write_images(
     raw = np.rint(frame.depth * 1000 / layout.depth_scale).astype(np.uint16)
     depth = np.zeros_like(raw) if without_depth else raw
     cv2.imwrite(str(folder / "depth" / f"{image:06d}.{layout.depth}"), depth)
-
-
-def _pose(target: Target) -> dict[str, object]:
-    pose = target.pose_cam_obj
-    return {
-        "obj_id": target.object_id,
-        "cam_R_m2c": pose[:3, :3].ravel().tolist(),
-        "cam_t_m2c": (pose[:3, 3] * 1000).tolist(),
-    }
 
 
 def _add(path: Path, image: int, entry: object) -> None:

@@ -4,15 +4,13 @@ What it finds depends on the frame and the object alone, so that results can be 
 """
 
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from hlp.commands.composing import compose_config
-from hlp.config.build import build_settings
+from composed_settings import run_settings
 from hlp.method.find.trace import ObjectTrace
 from hlp.method.settings import MethodSettings
 from hlp.records import Frame, Hypotheses, Region, Target, Votes
@@ -28,10 +26,9 @@ SHAPE = (12, 17)  # its pixels fill no whole number of bytes
 NOT_FOUND = ("000004_000001", 7)
 
 
-@cache
 def method_settings(*overrides: str) -> MethodSettings:
     """The default settings, as `hlp run` would have them."""
-    return build_settings(compose_config("output=out", *overrides)).method
+    return run_settings(*overrides).method
 
 
 class CountedFrames:

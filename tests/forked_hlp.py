@@ -70,6 +70,13 @@ def run_hlp(
     return Running(folder, *arguments, stdin=stdin, first=first).wait()
 
 
+def succeed(folder: Path, *arguments: str) -> Ended:
+    """Likewise; it must end well."""
+    ended = run_hlp(folder, *arguments)
+    assert ended.returncode == 0, ended.stderr
+    return ended
+
+
 def _call(
     code: str,
     folder: Path,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from hlp.data.synthetic.objects import demo_objects
-from hlp.records import CameraImage, Frame
+from hlp.records import CameraImage, Frame, Target
 from tiny_method import write_mesh
 
 
@@ -27,8 +27,22 @@ def write_image(
 
 def write_camera(folder: Path, frame: Frame, units: float = 1000.0) -> None:
     """The frame's camera as camera.json, which says what a unit of depth is."""
-    camera = {"cam_K": frame.camera_matrix.ravel().tolist(), "depth_scale": 1000.0 / units}
-    (folder / "camera.json").write_text(json.dumps(camera))
+    (folder / "camera.json").write_text(json.dumps(camera_entry(frame, 1000.0 / units)))
+
+
+def camera_entry(frame: Frame, depth_scale: float) -> dict[str, object]:
+    """What BOP states of a frame's camera; a unit of depth is so many millimetres."""
+    return {"cam_K": frame.camera_matrix.ravel().tolist(), "depth_scale": depth_scale}
+
+
+def pose_entry(target: Target) -> dict[str, object]:
+    """What BOP states of the pose of a target."""
+    pose = target.pose_cam_obj
+    return {
+        "obj_id": target.object_id,
+        "cam_R_m2c": pose[:3, :3].ravel().tolist(),
+        "cam_t_m2c": (pose[:3, 3] * 1000).tolist(),
+    }
 
 
 def write_bop_set(root: Path, frames: Sequence[Frame], object_ids: Collection[int]) -> None:
@@ -42,18 +56,8 @@ def write_bop_set(root: Path, frames: Sequence[Frame], object_ids: Collection[in
     for number, frame in enumerate(frames):
         write_image(scene, f"{number:06d}", frame, 10_000.0)
         chosen = [target for target in frame.targets if target.object_id in object_ids]
-        contents["camera"][number] = {
-            "cam_K": frame.camera_matrix.ravel().tolist(),
-            "depth_scale": 0.1,
-        }
-        contents["gt"][number] = [
-            {
-                "obj_id": target.object_id,
-                "cam_R_m2c": target.pose_cam_obj[:3, :3].ravel().tolist(),
-                "cam_t_m2c": (target.pose_cam_obj[:3, 3] * 1000.0).tolist(),
-            }
-            for target in chosen
-        ]
+        contents["camera"][number] = camera_entry(frame, 0.1)
+        contents["gt"][number] = [pose_entry(target) for target in chosen]
         contents["gt_info"][number] = [
             {"visib_fract": float(target.visible_fraction)} for target in chosen
         ]

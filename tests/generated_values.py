@@ -34,6 +34,12 @@ def motions(reach: float = 2.0) -> st.SearchStrategy[np.ndarray]:
     return st.builds(rigid, rotations(), vectors(-reach, reach))
 
 
+def turns_about_z(count: int) -> np.ndarray:
+    """Motions (n, 4, 4) that turn by equal steps, the first by nothing."""
+    turns = np.arange(count)[:, None] * [0.0, 0.0, 2 * np.pi / count]
+    return rigid(Rotation.from_rotvec(turns).as_matrix(), np.zeros(3))
+
+
 @st.composite
 def poses_in_front(draw: st.DrawFn) -> np.ndarray:
     """Poses of an object of at most 10 cm around its origin, in front of the camera."""

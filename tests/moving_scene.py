@@ -5,11 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import trimesh
 
+from hlp.evaluation.errors import add_s
 from hlp.geometry import rigid
 from hlp.records import CameraImage, ObjectModel
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import FRONTAL_LIGHT
-from refinement_scene import as_mesh
+from refinement_scene import as_mesh, posed
 
 CAMERA = np.array([[286.2, 0.0, 162.6], [0.0, 286.8, 121.0], [0.0, 0.0, 1.0]])
 SHAPE = (240, 320)
@@ -29,12 +30,13 @@ def path(
     upright = TURN(2.2, [1, 0, 0])[:3, :3]
     rotations = [TURN(np.deg2rad(turn_deg) * i + 0.5, [0.2, 0.3, 1])[:3, :3] for i in range(steps)]
     centres = np.array(start) + np.arange(steps)[:, None] * np.array([step_mm / 1000.0, 0.0, 0.0])
-    return np.stack(
-        [
-            rigid(upright @ turn, centre - upright @ turn @ model.centroid)
-            for turn, centre in zip(rotations, centres, strict=True)
-        ]
-    )
+    poses = zip(rotations, centres, strict=True)
+    return np.stack([posed(model, upright @ turn, centre) for turn, centre in poses])
+
+
+def is_right(pose: np.ndarray, true: np.ndarray, model: ObjectModel) -> bool:
+    """Whether ADD-S is less than a tenth of the diameter."""
+    return add_s(pose, true, model.mesh.vertices) < 0.1 * model.diameter
 
 
 def picture(

@@ -1,16 +1,14 @@
 """Boxes without colours, packed side by side, and what a camera sees of them."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import trimesh
 
 from hlp.geometry import rigid
-from hlp.records import ObjectModel
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
-from refinement_scene import CAMERA, SHAPE, as_mesh
+from refinement_scene import CAMERA, SHAPE, colorless, model_of
 
 SIZE = np.array([0.06, 0.1, 0.04])  # m
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -30,10 +28,7 @@ def box(size=SIZE):
 
 def verifier_of(shape):
     """A verifier of a part without colours."""
-    mesh = replace(as_mesh(shape), colored=False)
-    diameter = float(np.linalg.norm(shape.extents))
-    model = ObjectModel(1, "part", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
-    return Verifier(model, VerificationSettings())
+    return Verifier(colorless(model_of(shape)), VerificationSettings())
 
 
 def frame(verifier, *colors, poses=POSES):

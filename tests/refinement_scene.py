@@ -1,13 +1,16 @@
 """A synthetic scene: an object without symmetry on a table, partly hidden by a box, noisy depth."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import trimesh
 
 from hlp.geometry import rigid
-from hlp.records import Mesh, ObjectModel
-from hlp.refinement.verification import Observation, VerificationSettings, observe
+from hlp.records import Hypotheses, Mesh, ObjectModel
+from hlp.refinement.choice import InstanceSearch
+from hlp.refinement.refiner import Refiner
+from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import FRONTAL_LIGHT
 
@@ -37,6 +40,21 @@ def as_mesh(shape: trimesh.Trimesh, color: tuple[int, int, int] = (180, 180, 180
     )
 
 
+def model_of(
+    shape: trimesh.Trimesh, color: tuple[int, int, int] = (180, 180, 180), name: str = "part"
+) -> ObjectModel:
+    """An object of one colour without symmetry."""
+    mesh = as_mesh(shape, color)
+    spread = mesh.vertices[:, None] - mesh.vertices
+    diameter = float(np.linalg.norm(spread, axis=-1).max())
+    return ObjectModel(1, name, mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+
+
+def colorless(model: ObjectModel) -> ObjectModel:
+    """The same object, of whose colours nothing is known."""
+    return replace(model, mesh=replace(model.mesh, colored=False))
+
+
 def make_model() -> ObjectModel:
     """A body, a tower at one end and a ball at the other; its origin lies outside of it."""
     body = trimesh.creation.box((0.10, 0.05, 0.04))
@@ -46,10 +64,7 @@ def make_model() -> ObjectModel:
     ball.apply_translation([-0.035, -0.02, 0.025])
     shape = trimesh.util.concatenate([body, tower, ball])
     shape.apply_translation([0.03, -0.02, 0.05])
-    mesh = as_mesh(shape, (170, 90, 60))
-    spread = mesh.vertices[:, None] - mesh.vertices[None]
-    diameter = float(np.linalg.norm(spread, axis=-1).max())
-    return ObjectModel(1, "toy", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+    return model_of(shape, (170, 90, 60), "toy")
 
 
 def posed(model: ObjectModel, rotation: np.ndarray, centroid: np.ndarray) -> np.ndarray:
@@ -104,6 +119,24 @@ def disturbed(scene: Scene, degrees: float, millimetres: float, seed: int) -> np
     centre = scene.pose[:3, :3] @ scene.model.centroid + scene.pose[:3, 3]
     moved = centre + shift / np.linalg.norm(shift) * millimetres / 1000
     return posed(scene.model, turn @ scene.pose[:3, :3], moved)
+
+
+def search_of(
+    scene: Scene,
+    verification: VerificationSettings,
+    refiner: Refiner,
+    poses: np.ndarray,
+    candidates: int = 8,
+    max_improvement: float = 0.1,
+    most: int | None = None,
+    **rules: Any,
+) -> InstanceSearch:
+    """A search from poses of the same support, which therefore adds nothing to the cost."""
+    settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
+    seen = observe(scene.rgb, scene.depth, scene.camera_matrix, settings)
+    coarse, verifier = Hypotheses(poses, np.ones(len(poses))), Verifier(scene.model, settings)
+    rules |= {"candidates": most, "min_score": 0.5}
+    return InstanceSearch(refiner, verifier, seen, coarse, seed=3, **rules)
 
 
 def shifted_model(

@@ -4,8 +4,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pytest
 from mlflow import MlflowClient
 from mlflow.entities import Run
+
+from hlp.geometry import rigid
+from hlp.reporting.study_numbers import KINDS, read_numbers
+from hlp.results.recalls import read_target_values
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -25,6 +31,19 @@ def stages(output: Path, *, reused: bool) -> dict[str, int]:
 def poses_of(output: Path) -> str:
     """The digest of a run's poses."""
     return str(read_json(output / "manifest.json")["poses"])
+
+
+def assert_targets_have_the_means_of_the_study(output: Path, study: str) -> None:
+    """What a study states of each target has the means that it states of all."""
+    numbers = read_numbers(output, KINDS[study])
+    targets = read_target_values(output)
+    means = {name: sum(values.values()) / len(values) for name, values in targets.items()}
+    assert means == pytest.approx({name: numbers[name].value for name in means})
+
+
+def stated_pose(answer: dict[str, Any]) -> np.ndarray:
+    """The pose (4, 4) that BOP's rotation and translation in millimetres state."""
+    return rigid(np.reshape(answer["cam_R_m2c"], (3, 3)), np.array(answer["cam_t_m2c"]) / 1000.0)
 
 
 def logged_runs(folder: Path, work: str = "work") -> tuple[MlflowClient, list[Run]]:

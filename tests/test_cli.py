@@ -16,6 +16,7 @@ from hlp.commands.composing import compose_config
 from hlp.config import build
 from hlp.errors import MissingFileError
 from new_process import printed_by
+from tiny_run import left_as_it_was
 
 Said = pytest.CaptureFixture[str]
 
@@ -40,14 +41,8 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["hlp"])
     monkeypatch.setattr(build, "build_run", stand_in)
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-    yield tmp_path
-    for handler in root.handlers:
-        if handler not in handlers:
-            handler.close()
-    root.handlers[:] = handlers
-    root.setLevel(level)
+    with left_as_it_was():
+        yield tmp_path
 
 
 def seen(folder: Path) -> Any:

@@ -92,16 +92,13 @@ def test_what_cannot_be_read_is_named(tmp_path):
     for read in (read_json, lambda path: read_csv(path, ["a"])):
         with pytest.raises(FileNotFoundError, match="gone"):
             read(tmp_path / "gone")
-    (tmp_path / "a.json").write_text('{"1": ')
-    with pytest.raises(ValueError, match=r"a\.json is not JSON"):
-        read_json(tmp_path / "a.json")
     (tmp_path / "a.csv").write_text("b\n1\n")
     with pytest.raises(ValueError, match=r"a\.csv: the first line must be a$"):
         read_csv(tmp_path / "a.csv", ["a"])
 
 
 BROKEN_JSON = {
-    "": "is not JSON",
+    "": "a.json is not JSON",
     "{": "is not JSON",
     '{"1": 1, "1": 2}': "states the key '1' twice",
     DEEP: "nested deeper than 64",

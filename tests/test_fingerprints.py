@@ -9,6 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from bad_input import written
 from generated_values import json_values, texts
 from hlp import fingerprints
 from hlp.errors import DataError
@@ -91,9 +92,7 @@ FILES = {
 @pytest.fixture
 def package(tmp_path, monkeypatch):
     for name, text in FILES.items():
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+        written(tmp_path / name, text)
     monkeypatch.syspath_prepend(str(tmp_path))
     forget()
     yield tmp_path

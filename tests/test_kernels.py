@@ -10,6 +10,7 @@ import pytest
 from jaxtyping import Bool, Int
 
 import hlp
+from bad_input import written
 from hlp.kernels import array_type, parts_of
 from hlp.refinement.cost_kernel import sum_costs
 from hlp.refinement.swarm_kernel import update_personal_bests
@@ -42,11 +43,9 @@ print(json.dumps([value, sum(stats.cache_hits.values()), sum(stats.cache_misses.
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    folder = tmp_path / "kernels"
-    folder.mkdir()
     for name, text in FILES.items():
-        (folder / name).write_text(text)
-    return folder
+        written(tmp_path / "kernels" / name, text)
+    return tmp_path / "kernels"
 
 
 def call(package: Path, code: str = REPORT, **variables: str) -> Any:

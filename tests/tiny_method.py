@@ -1,14 +1,12 @@
 """Mesh files, and the smallest settings of the method, for tests that learn an object."""
 
 import shutil
-from functools import cache
 from pathlib import Path
 
 import pytest
 import trimesh
 
-from hlp.commands.composing import compose_config
-from hlp.config.build import build_settings
+from composed_settings import run_settings
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.settings import MethodSettings
 from hlp.records import ObjectModel
@@ -30,16 +28,27 @@ TINY = (
     "score.scenes=2",
     "classifier.min_batches=0",
 )
+LEARNS_WELL = (
+    *("rendering.coverage=hemisphere", "rendering.in_plane_min_deg=-45"),
+    *("rendering.in_plane_max_deg=45", "rendering.in_plane_steps=7"),
+    *("patches.pool.per_object=900", "patches.pairs.per_object=600"),
+    *("patches.pool.distractor_scenes=10", "classifier.epochs=4", "classifier.min_batches=60"),
+)
+"""What finds the demo's objects for sure, after a minute of learning."""
 
 
-@cache
 def tiny_method(*overrides: str) -> MethodSettings:
     """The default method made small: PCA in place of a trained encoder, few views."""
-    return build_settings(compose_config("output=out", *TINY, *overrides)).method
+    return run_settings(*TINY, *overrides).method
 
 
 def write_mesh(folder: Path, model: ObjectModel) -> Path:
-    """The object's mesh as a PLY file in millimetres."""
+    """The object's mesh as a PLY file of its name."""
+    return export_mesh(folder / f"{model.name}.ply", model)
+
+
+def export_mesh(path: Path, model: ObjectModel) -> Path:
+    """The object's mesh as a file in millimetres."""
     mesh = trimesh.Trimesh(
         model.mesh.vertices * 1000.0,
         model.mesh.faces,
@@ -47,7 +56,6 @@ def write_mesh(folder: Path, model: ObjectModel) -> Path:
         vertex_colors=model.mesh.colors,
         process=False,
     )
-    path = folder / f"{model.name}.ply"
     mesh.export(path)
     return path
 

@@ -86,7 +86,7 @@ def make_tiny_run(
 def run_here(*overrides: str) -> tuple[int, str, str]:
     """`hlp run` in this process, which has imported everything: exit code, output and errors."""
     out, error = StringIO(), StringIO()
-    with _left_as_it_was(), redirect_stdout(out), redirect_stderr(error):
+    with left_as_it_was(), redirect_stdout(out), redirect_stderr(error):
         try:
             main(["run", *overrides])
             code = 0
@@ -96,7 +96,7 @@ def run_here(*overrides: str) -> tuple[int, str, str]:
 
 
 @contextmanager
-def _left_as_it_was() -> Iterator[None]:
+def left_as_it_was() -> Iterator[None]:
     """Arguments, variables, logging and threads of this process are as before afterwards."""
     import cv2
     import torch

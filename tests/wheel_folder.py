@@ -63,6 +63,12 @@ class WheelFolder:
     def hlp(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
         return self.call(sys.executable, str(self.package / "bin" / "hlp"), *arguments)
 
+    def printed_by_hlp(self, *arguments: str) -> str:
+        """What it prints; it must end well."""
+        done = self.hlp(*arguments)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
     def files(self) -> set[Path]:
         return {path for path in self.package.rglob("*") if path.is_file()}
 

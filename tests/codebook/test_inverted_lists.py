@@ -5,6 +5,7 @@ import dataclasses
 import faiss
 import numpy as np
 import pytest
+from surfaces import recall, surface
 
 from hlp.codebook.inverted_lists import (
     EXACT_BELOW,
@@ -19,31 +20,18 @@ from hlp.errors import DataError
 SETTINGS = InvertedListsSettings("inverted_lists", 3, lists=32, probes=8, candidates=16)
 
 
-def surface(count, dimension=24, seed=0):
-    """Features on a folded four-dimensional surface, as those of patches lie on one of poses."""
-    rng = np.random.default_rng(seed)
-    folds = np.random.default_rng(99).normal(size=(2, 4, dimension))
-    places = rng.uniform(-1.0, 1.0, (count, 4))
-    features = places @ folds[0] + np.sin(3.0 * places @ folds[1])
-    features /= np.linalg.norm(features, axis=1, keepdims=True)
-    return (features + 0.01 * rng.normal(size=features.shape)).astype(np.float32)
-
-
 FEATURES, QUERIES = surface(2 * EXACT_BELOW), surface(600, seed=1)
 EXACT = ExactNeighbours(FEATURES, 3).search(QUERIES)
-
-
-def recall(settings):
-    found = InvertedLists(FEATURES, settings, seed=0).search(QUERIES).indices
-    pairs = zip(found, EXACT.indices, strict=True)
-    return sum(len(set(a) & set(b)) for a, b in pairs) / found.size
 
 
 def test_most_neighbours_are_found_and_more_with_more_probes_and_candidates():
     few = dataclasses.replace(SETTINGS, probes=1)
     hasty = dataclasses.replace(SETTINGS, candidates=1)
     every = dataclasses.replace(SETTINGS, probes=32, candidates=200)
-    recalls = [recall(each) for each in (few, hasty, SETTINGS, every)]
+    found = (
+        InvertedLists(FEATURES, each, 0).search(QUERIES) for each in (few, hasty, SETTINGS, every)
+    )
+    recalls = [recall(matches, EXACT) for matches in found]
     assert max(recalls[:2]) < recalls[2] - 0.05
     assert recalls[2] > 0.9
     assert recalls[3] > 0.999

@@ -1,19 +1,11 @@
 import numpy as np
 import pytest
+from surfaces import recall, surface
 
 from hlp.codebook.inverted_lists import InvertedLists, InvertedListsSettings
 from hlp.codebook.neighbours import ExactNeighbours, KdForest
 
-
-def clustered(count, dimension=24, seed=0):
-    """Features in clusters, as those of patches are: random ones have no near neighbours."""
-    rng = np.random.default_rng(seed)
-    centers = np.random.default_rng(99).normal(size=(40, dimension))
-    noise = 0.2 * rng.normal(size=(count, dimension))
-    return (centers[rng.integers(40, size=count)] + noise).astype(np.float32)
-
-
-FEATURES, QUERIES = clustered(3000), clustered(700, seed=1)  # more than a block of queries
+FEATURES, QUERIES = surface(3000), surface(700, seed=1)  # more than a block of queries
 
 
 @pytest.mark.parametrize("neighbours", [1, 3, 50])
@@ -27,11 +19,6 @@ def test_exact_search_equals_brute_force(neighbours):
     np.testing.assert_allclose(
         matches.distances, np.take_along_axis(every, expected, axis=1), rtol=1e-4
     )
-
-
-def recall(matches, exact):
-    found = [len(set(a) & set(b)) for a, b in zip(matches.indices, exact.indices, strict=True)]
-    return sum(found) / exact.indices.size
 
 
 def test_a_forest_finds_most_neighbours_and_more_with_more_checks():

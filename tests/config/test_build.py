@@ -4,13 +4,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import trimesh
 from omegaconf import OmegaConf
 
+from bop_folder import write_models
+from composed_settings import run_settings
 from hlp.arrays import spread
 from hlp.commands.composing import compose_config
 from hlp.config import build
-from hlp.config.build import build_run, build_settings, check_symmetric
+from hlp.config.build import build_run, check_symmetric
 from hlp.config.composition import group_kinds, rows
 from hlp.config.settings import RunSettings
 from hlp.data.bop import BopSettings
@@ -50,7 +51,7 @@ def test_every_alternative_becomes_typed_settings(chosen):
     given = [f"{key}={name}" for key, name in chosen.items()]
     if chosen["executor"] == "dask":
         given.append("executor.address=tcp://host:8786")  # which only its user knows
-    settings = build_settings(compose_config("output=out", *given))
+    settings = run_settings(*given)
     for group, name in chosen.items():
         file = CONF / group / f"{name}.yaml"
         stated = OmegaConf.load(file).get("name") if file.is_file() else name
@@ -59,7 +60,7 @@ def test_every_alternative_becomes_typed_settings(chosen):
 
 @pytest.mark.parametrize("method", alternatives("method"))
 def test_methods_become_typed_settings(method):
-    assert isinstance(build_settings(compose_config("output=out", f"method={method}")), RunSettings)
+    assert isinstance(run_settings(f"method={method}"), RunSettings)
 
 
 def test_the_default_run_is_the_demo_and_needs_no_files(default):
@@ -84,11 +85,11 @@ WRONG = [
     ("rendering.viewpoints", 3.5, r"^rendering\.viewpoints is 3\.5: it must be a whole number$"),
     ("rendering.viewpoint", 9, r"^rendering\.viewpoint is not a key: did you mean viewpoints\?$"),
     ("patches.holistic.resolution", 48, r"^patches\.holistic\.resolution is 48: .* 64$"),
-    ("patches.local.resolution", 48, r"^patches\.local\.resolution is 48: .* 32$"),
     ("refinement.phi_1", 1.0, r"^refinement\.phi_1 \+ phi_2 is 2\.3: it must be above 4$"),
     ("encoder.input", "depth", r"^encoder\.input .*'rgbd' or 'normals_depth'$"),
     ("encoder.name", "cea", r"^encoder\.name is 'cea': choose one of cae, contrastive, pca$"),
-    ("encoder.dimension", 150, r"^encoder\.dimension is 150: codebook=inverted_lists takes .* 4$"),
+    ("task.name", "orakel", r"^task\.name is 'orakel': choose one of basin, bench, evaluate, "),
+    ("task.frame", 3, r"^task\.frame is not a key: "),
     ("classifier.widths", [8] * 7, r"^classifier\.widths is .*1 to 6"),
     ("frames", 0, r"^frames is 0: it must be at least 1$"),
     ("data.objects", [4, 9], r"^data\.objects\.1 is 9: it must be at most 8$"),
@@ -107,11 +108,6 @@ def test_a_wrong_value_is_named_by_its_key(default, key, value, message):
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 200
 
 
-def test_more_components_than_there_are_are_refused(default):
-    with pytest.raises(ValueError, match=r"^encoder\.dimension is 600: 12 × 12 .* 432 components$"):
-        build_settings(compose_config("output=out", "encoder=pca", "encoder.dimension=600"))
-
-
 @pytest.fixture
 def bop(tmp_path):
     """A BOP data set of one box in one frame, and its configuration. It has no images."""
@@ -121,9 +117,7 @@ def bop(tmp_path):
     (scene / "scene_gt.json").write_text(json.dumps({"5": [pose]}))
     camera = {"cam_K": [500, 0, 320, 0, 500, 240, 0, 0, 1], "depth_scale": 1.0}
     (scene / "scene_camera.json").write_text(json.dumps({"5": camera}))
-    models = tmp_path / "lm" / "models"
-    models.mkdir()
-    trimesh.creation.box((60, 80, 100)).subdivide().export(models / "obj_000001.ply")
+    write_models(tmp_path / "lm" / "models", [1])
     return tmp_path / "lm"
 
 
@@ -156,7 +150,7 @@ def test_a_data_set_is_built_without_decoding_an_image(bop_config, monkeypatch):
     assert run.dataset.target_ids == (1,)
     model = run.dataset.models[1]
     assert (model.name, model.holistic_size) == ("box", 0.12)
-    assert model.diameter == pytest.approx(np.linalg.norm([0.06, 0.08, 0.1]))
+    assert model.diameter == pytest.approx(np.linalg.norm([0.08, 0.09, 0.1]))
 
 
 def test_bad_frames_are_known_when_the_run_is_built(bop_config):
@@ -184,34 +178,14 @@ def test_names_of_another_set_that_match_nothing_are_said(caplog):
     assert "evaluation=bop_numbers" in record.message
 
 
-def no_mesh(bop):
-    (bop / "models" / "obj_000001.ply").unlink()
-
-
-def broken_mesh(bop):
-    (bop / "models" / "obj_000001.ply").write_bytes(b"ply\nnonsense")
-
-
-def no_targets(bop):
-    (bop / "test" / "000003" / "scene_gt.json").write_text("{}")
-
-
 @pytest.mark.parametrize(
-    ("change", "data", "error", "message"),
+    ("data", "error", "message"),
     [
-        (None, {"root": "???"}, ValueError, r"^data\.root is not set: set data\.root=VALUE$"),
-        (None, {"root": "nowhere"}, FileNotFoundError, r"^data\.root is not a folder: nowhere"),
-        (
-            None,
-            {"split": "train"},
-            FileNotFoundError,
-            r"/lm has no folder train: set data\.split=NAME",
-        ),
-        (no_mesh, {}, FileNotFoundError, r"object 1 \(box\).*models/obj_000001\.ply"),
-        (broken_mesh, {}, ValueError, r"obj_000001\.ply"),
-        (no_targets, {}, ValueError, "lists no target"),
+        ({"root": "???"}, ValueError, r"^data\.root is not set: set data\.root=VALUE$"),
+        ({"root": "nowhere"}, FileNotFoundError, r"^data\.root is not a folder: nowhere"),
+        ({"split": "train"}, FileNotFoundError, r"/lm has no folder train: set data\.split=NAME"),
         *(
-            (None, {key: folder}, FileNotFoundError, message)
+            ({key: folder}, FileNotFoundError, message)
             for key in ("photographs", "rooms", "rgbd_frames")
             for folder, message in (
                 ("nowhere", rf"^data\.{key} is not a folder: .*nowhere"),
@@ -221,14 +195,35 @@ def no_targets(bop):
     ],
 )
 def test_what_is_missing_of_a_data_set_is_named_before_any_stage(
-    bop, bop_config, change, data, error, message, monkeypatch, tmp_path
+    bop_config, data, error, message, monkeypatch, tmp_path
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
-    if change is not None:
-        change(bop)
     with pytest.raises(error, match=message):
         build_run(bop_config(**data))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "error", "message"),
+    [
+        (
+            "models/obj_000001.ply",
+            "",
+            FileNotFoundError,
+            r"object 1 \(box\).*models/obj_000001\.ply",
+        ),
+        ("models/obj_000001.ply", "ply\nnonsense", ValueError, r"obj_000001\.ply"),
+        ("test/000003/scene_gt.json", "{}", ValueError, "lists no target"),
+    ],
+)
+def test_a_file_of_a_data_set_that_is_damaged_or_not_there_is_named(
+    bop, bop_config, name, content, error, message
+):
+    (bop / name).unlink()
+    if content:
+        (bop / name).write_text(content)
+    with pytest.raises(error, match=message):
+        build_run(bop_config())
 
 
 def test_data_without_a_frame_are_refused(default):

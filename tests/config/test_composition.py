@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import get_args, get_type_hints
 
 import pytest
-from hydra import compose, initialize_config_dir
 from hydra.errors import MissingConfigException
 from omegaconf import OmegaConf
 from typing_extensions import Doc
@@ -75,9 +74,7 @@ def repeated(values, defaults):
 
 
 def composed(folder, *overrides):
-    path = f"hydra.searchpath=[file://{folder}]"
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("config", overrides=["output=out", path, *overrides])
+    return compose_config("output=out", f"hydra.searchpath=[file://{folder}]", *overrides)
 
 
 def test_a_file_of_ones_own_starts_from_the_defaults(tmp_path):

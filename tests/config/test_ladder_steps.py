@@ -5,24 +5,18 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hydra import compose, initialize_config_dir
 
-from hlp.config.build import build_settings
+from composed_settings import run_settings
 
 pytestmark = pytest.mark.slow  # forty steps are composed
 CONF = Path(__file__).parents[2] / "conf"
 STEPS = sorted(yaml.safe_load((CONF / "ladder.yaml").read_text()))
-BOARD = ("data=bop", "data.root=folder", "output=out", "hydra.mode=RUN")
-
-
-def composed(*overrides):
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return build_settings(compose("config", overrides=[*BOARD, *overrides]))
+BOARD = ("data=bop", "data.root=folder", "hydra.mode=RUN")
 
 
 @pytest.fixture(scope="module")
 def steps():
-    return {name: composed("experiment=ladder", f"ladder={name}") for name in STEPS}
+    return {name: run_settings(*BOARD, "experiment=ladder", f"ladder={name}") for name in STEPS}
 
 
 def test_the_sweep_runs_every_step_once_after_the_one_it_is_compared_with(steps):
@@ -37,7 +31,7 @@ def test_the_sweep_runs_every_step_once_after_the_one_it_is_compared_with(steps)
 def test_it_goes_from_the_paper_to_the_letter_over_what_was_meant_to_our_best(steps):
     ways = (("literal", "paper_literal"), ("entries", "paper"), ("best", "hlp"))
     for name, method in ways:
-        expected = composed(f"method={method}", "score.scenes=0").method
+        expected = run_settings(*BOARD, f"method={method}", "score.scenes=0").method
         assert steps[name].method == expected, name
 
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from hlp.commands.composing import compose_config
-from hlp.config.build import build_settings
+from composed_settings import run_settings
 from hlp.studies.basin import BasinSettings
 from hlp.studies.bench import BenchSettings
 from hlp.studies.evaluate import EvaluateSettings
@@ -22,58 +21,31 @@ from hlp.studies.search import SearchSettings
     ],
 )
 def test_the_configuration_chooses_the_task(choice, kind):
-    assert isinstance(build_settings(compose_config("output=out", choice)).task, kind)
+    assert isinstance(run_settings(choice).task, kind)
 
 
 def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
     """So it finds the stages that a run of that dataset has left."""
     board = ("data=linemod_bop", "data.root=lm")
     for experiment in ("oracle", "basin"):
-        demo = build_settings(compose_config("output=out", f"experiment={experiment}"))
-        assert demo.patches == build_settings(compose_config("output=out")).patches
-        assert demo.rendering == build_settings(compose_config("output=out")).rendering
-        own = build_settings(compose_config("output=out", f"experiment={experiment}", *board))
-        run = build_settings(compose_config("output=out", "experiment=linemod_bop", "data.root=lm"))
+        demo = run_settings(f"experiment={experiment}")
+        assert demo.patches == run_settings().patches
+        assert demo.rendering == run_settings().rendering
+        own = run_settings(f"experiment={experiment}", *board)
+        run = run_settings("experiment=linemod_bop", "data.root=lm")
         assert (own.patches, own.rendering) == (run.patches, run.rendering)
         assert own.rendering != demo.rendering and own.name == experiment
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (["+task.frame=3"], r"^task\.frame is not a key: did you mean frames\?$"),
-        (["task.agree_mm=wide"], r"^task\.agree_mm is 'wide': it must be a number$"),
-        (
-            ["task.name=orakel"],
-            r"^task\.name is 'orakel': choose one of basin, bench, evaluate, oracle, search$",
-        ),
-    ],
-)
-def test_a_wrong_value_is_named_by_its_key(overrides, message):
-    with pytest.raises(ValueError, match=message):
-        build_settings(compose_config("output=out", "experiment=oracle", *overrides))
-
-
 def test_a_refiner_that_is_not_there_is_named_and_others_can_be_added():
     with pytest.raises(ValueError, match=r"^task\.compared names 'psi': choose of pso, icp, none"):
-        build_settings(compose_config("output=out", "experiment=basin", "task.compared=[psi]"))
+        run_settings("experiment=basin", "task.compared=[psi]")
     with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.points is 'much'"):
-        build_settings(
-            compose_config("output=out", "experiment=basin", "task.refiners.icp.points=much")
-        )
-    with pytest.raises(
-        ValueError, match=r"^task\.refiners\.icp\.name is 'icq': choose one of icp, none, pso$"
-    ):
-        build_settings(
-            compose_config("output=out", "experiment=basin", "task.refiners.icp.name=icq")
-        )
-    task = build_settings(
-        compose_config(
-            "output=out",
-            "experiment=basin",
-            "task.compared=[paper,wide]",
-            "+refinement@task.refiners.wide=pso",
-        )
-    ).task
+        run_settings("experiment=basin", "task.refiners.icp.points=much")
+    known = r"^task\.refiners\.icp\.name is 'icq': choose one of icp, none, pso$"
+    with pytest.raises(ValueError, match=known):
+        run_settings("experiment=basin", "task.refiners.icp.name=icq")
+    added = ("task.compared=[paper,wide]", "+refinement@task.refiners.wide=pso")
+    task = run_settings("experiment=basin", *added).task
     assert isinstance(task, BasinSettings)
     assert task.refiners["paper"].theta_deg == 5.0 and task.refiners["wide"].theta_deg == 10.0

@@ -9,6 +9,8 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
+from bad_input import written
+
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 """Everything with examples. Pages of what was tried name settings of their time."""
@@ -70,6 +72,4 @@ def write_files(path: Path, folder: Path) -> None:
     """Write the blocks of a page that are whole files, of settings or of a camera."""
     for block in blocks(path):
         if block.title and block.language in ("yaml", "python"):
-            file = folder / block.title
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(block.text)
+            written(folder / block.title, block.text)

@@ -5,16 +5,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import trimesh
 
 from hlp.records import Frame, ObjectModel
+from tiny_method import export_mesh
 
 
 def write_linemod(root: Path, model: ObjectModel, frames: Sequence[Frame]) -> None:
     """The object as LINEMOD's ape: mesh, colour, depth in millimetres, poses in centimetres."""
     data = root / "ape" / "data"
     data.mkdir(parents=True)
-    write_mesh(data.parent / "mesh.ply", model)
+    export_mesh(data.parent / "mesh.ply", model)
     for number, frame in enumerate(frames):
         cv2.imwrite(str(data / f"color{number}.jpg"), frame.rgb[..., ::-1])
         raw = np.rint(frame.depth * 1000).astype("<u2")
@@ -35,12 +35,6 @@ def write_ycbineoat(root: Path, model: ObjectModel, frames: Sequence[Frame]) -> 
         cv2.imwrite(str(root / "depth" / f"{number:07d}.png"), raw)
         np.savetxt(root / "annotated_poses" / f"{number:07d}.txt", pose_of(model, frame))
         np.savetxt(root / "cam_K.txt", frame.camera_matrix)
-
-
-def write_mesh(path: Path, model: ObjectModel) -> None:
-    """In millimetres."""
-    mesh = model.mesh
-    trimesh.Trimesh(mesh.vertices * 1000, mesh.faces, process=False).export(path)
 
 
 def pose_of(model: ObjectModel, frame: Frame) -> np.ndarray:

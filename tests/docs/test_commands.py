@@ -1,17 +1,16 @@
 """Every `hlp` command that README and the pages show: its groups, keys and values exist."""
 
 import re
-from functools import cache
 from pathlib import Path
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from markdown_pages import EXAMPLES, commands, write_files
 
+from composed_settings import run_settings
 from hlp.cli import COMMANDS
-from hlp.commands import MULTIRUN, composing, help_text
+from hlp.commands import MULTIRUN, help_text
 from hlp.commands.arguments import split_arguments
-from hlp.config.build import build_settings
 from hlp.data.public_sets import find_set
 
 PREFIX = {"bench": ["task=bench"], "search": ["task=search"]}
@@ -38,13 +37,8 @@ def compose_command(words: list[str], own_files: Path) -> int:
     count = max(map(len, swept), default=1)
     for index in range(count):
         chosen = [values[index % len(values)] for values in swept]
-        _compose(*searched, "output=out", *chosen)
+        run_settings(*searched, *chosen)
     return count
-
-
-@cache
-def _compose(*overrides: str) -> None:
-    build_settings(composing.compose_config(*overrides))
 
 
 def check_own(words: list[str]) -> None:
@@ -62,7 +56,7 @@ def check_own(words: list[str]) -> None:
     for key, value in split_arguments(words[1:]).items():
         if not re.search(rf"(^|[\s,\[]){key}[\s,=]", shown + help_text("learn")):
             overrides.append(f"{key}={value}")
-    _compose("output=out", *overrides)
+    run_settings(*overrides)
 
 
 def _values(override: str) -> list[str]:

@@ -13,20 +13,13 @@ from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.evaluation.errors import add
-from tiny_method import tiny_method, write_mesh
+from tiny_method import LEARNS_WELL, tiny_method, write_mesh
 
 SCENES = {
     **{"scenes": 1, "seed": 3, "width": 640, "height": 480, "noise": 1.0, "min_visible": 0.8},
     **{"objects": (5, 5), "clutter": (2, 2), "distance_mm": (700, 800)},
     **{"elevation_deg": (30, 50), "roll_deg": 10, "tilt_deg": 0},
 }
-# The examples learn with the default settings, which takes minutes.
-LEARNING = (
-    *("rendering.coverage=hemisphere", "rendering.in_plane_min_deg=-45"),
-    *("rendering.in_plane_max_deg=45", "rendering.in_plane_steps=7"),
-    *("patches.pool.per_object=900", "patches.pairs.per_object=600"),
-    *("patches.pool.distractor_scenes=10", "classifier.epochs=4", "classifier.min_batches=60"),
-)
 
 
 def python_blocks(path: Path):
@@ -64,10 +57,11 @@ def run_examples(path: Path, names: dict[str, object]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_examples_run_from_first_to_last(path, own_files, monkeypatch):
-    """As they stand, but for the settings of learning."""
+    """As they stand, but for the settings of learning: with the default ones it takes minutes."""
     folder, frame, model, true_pose = own_files
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(Detector, "learn", partial(Detector.learn, settings=tiny_method(*LEARNING)))
+    small = partial(Detector.learn, settings=tiny_method(*LEARNS_WELL))
+    monkeypatch.setattr(Detector, "learn", small)
     names = {"rgb": frame.rgb, "depth": frame.depth, "camera_matrix": frame.camera_matrix}
     run_examples(path, names)
     if "found" in names:

@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 from hatchling.metadata.core import ProjectMetadata
 from hatchling.plugin.manager import PluginManager
-from markdown_pages import links
+from markdown_pages import ROOT, links
 
-ROOT = Path(__file__).parents[2]
 ADDRESS = "https://git.example.org/team/hlp"
 
 

@@ -11,10 +11,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
-import trimesh
 from markdown_pages import EXAMPLES, commands, write_files
 from recording_folders import ONLY, write_recordings
-from sequence_folders import write_linemod, write_mesh, write_ycbineoat
+from sequence_folders import write_linemod, write_ycbineoat
 
 from bop_folder import write_models, write_scene
 from forked_hlp import Running
@@ -22,6 +21,7 @@ from frame_files import write_camera, write_image
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from run_files import logged_runs
+from tiny_method import export_mesh
 from tiny_run import TINY, TinyRun
 
 NETWORK = "gigabytes from a server; tests/data/test_download.py has one of its own"
@@ -206,13 +206,12 @@ def write_own_files(made: Path) -> None:
     """Meshes of two objects, frames of a camera, photographs and a room without the objects."""
     scenes = SyntheticScenes(SyntheticSettings(scenes=2, seed=3, objects=(5, 5), clutter=(2, 2)))
     for name, model in zip(("bracket.ply", "bolt.stl"), demo_objects().values(), strict=False):
-        mesh = model.mesh
-        trimesh.Trimesh(mesh.vertices * 1000, mesh.faces, process=False).export(made / name)
+        export_mesh(made / name, model)
     frames = [scenes.load(key) for key in scenes.keys]
     model = demo_objects()[frames[0].targets[0].object_id]
     write_linemod(made / "linemod", model, frames[:1])
     write_ycbineoat(made / "mustard0", model, frames[:1])
-    write_mesh(made / "model.ply", model)
+    export_mesh(made / "model.ply", model)
     (made / "vendor.py").write_text(VENDOR)
     for room in (made, made / "rooms"):
         for number, frame in enumerate(frames):

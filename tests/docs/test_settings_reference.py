@@ -4,10 +4,9 @@ from typing import Annotated, Literal, get_type_hints
 
 import pytest
 from annotated_types import Ge, Gt, Interval, Le, Lt
-from hydra import compose, initialize_config_dir
-from markdown_pages import ROOT
 from omegaconf import OmegaConf
 
+from hlp.commands.composing import compose_config
 from hlp.config.settings import RunSettings
 from hlp.settings import Doc
 
@@ -90,8 +89,7 @@ def test_a_table_in_markdown(settings_reference):
 
 
 def test_every_key_of_the_default_configuration_is_listed(settings_reference):
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        config = OmegaConf.to_container(compose("config", overrides=["output=out"]), resolve=True)
+    config = OmegaConf.to_container(compose_config("output=out"), resolve=True)
     listed = {
         key.name
         for name, hint in get_type_hints(RunSettings, include_extras=True).items()

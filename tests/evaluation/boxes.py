@@ -1,12 +1,13 @@
 """Boxes as object models and poses of them, for the tests of this folder."""
 
+from dataclasses import replace
+
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
-from hlp.records import ObjectModel
-from refinement_scene import as_mesh
+from refinement_scene import model_of
 
 
 def box_model(extents, object_id=1, name="box", symmetries=None, center=(0.0, 0.0, 0.0), fine=True):
@@ -14,12 +15,12 @@ def box_model(extents, object_id=1, name="box", symmetries=None, center=(0.0, 0.
     box = trimesh.creation.box(extents)
     box = box.subdivide().subdivide() if fine else box
     box.apply_translation(center)
-    mesh, diameter = as_mesh(box), float(np.linalg.norm(extents))
-    motions = np.eye(4)[None] if symmetries is None else symmetries
-    return ObjectModel(object_id, name, mesh, mesh, diameter, motions, 0.08, 0.03)
+    model = replace(model_of(box, name=name), object_id=object_id)
+    return model if symmetries is None else replace(model, symmetries=symmetries)
 
 
 EXTENTS = (0.06, 0.08, 0.10)
+K = np.array([[570.0, 0.0, 81.3], [0.0, 560.0, 58.6], [0.0, 0.0, 1.0]])
 TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.01, 0.0, 0.8]))
 
 

@@ -46,6 +46,12 @@ def pose_of(six):
     return pose
 
 
+def depth_of(image):
+    """The depth image (mm) of an image's instances."""
+    boxes = [(pose_of(t["pose"]), BOXES[t["obj_id"]][0]) for t in image["truths"]]
+    return scene_depth(boxes, np.array(image["cam_K"]), SHAPE, image["occluded"], image["hole"])
+
+
 def rounded(values, digits):
     """Plain numbers."""
     return np.round(values, digits).tolist()
@@ -122,8 +128,7 @@ def errors_of(inputs):
     found = {}
     for number, image in enumerate(inputs["images"]):
         camera, truths = np.array(image["cam_K"]), [pose_of(t["pose"]) for t in image["truths"]]
-        boxes = [(p, BOXES[t["obj_id"]][0]) for p, t in zip(truths, image["truths"], strict=True)]
-        depth = scene_depth(boxes, camera, SHAPE, image["occluded"], image["hole"])
+        depth = depth_of(image)
         for a, answer in enumerate(image["answers"]):
             object_id, pose = answer["obj_id"], pose_of(answer["pose"])
             own = objects[object_id]

@@ -1,13 +1,12 @@
 """BOP's average precision: what counts. Its values are compared in test_toolkit_values.py."""
 
-import numpy as np
-from boxes import EXTENTS, TRUE, box_model
+from boxes import EXTENTS, TRUE, K, box_model, moved
 
 from hlp.evaluation.average_precision import MOST_ANSWERS, average_precision
 from hlp.evaluation.evaluator import FrameTruth
 from hlp.records import PoseEstimate, Target
 
-K = np.array([[570.0, 0.0, 81.3], [0.0, 560.0, 58.6], [0.0, 0.0, 1.0]])
+FAR = moved(dx=1.0)
 MODELS = {i: box_model(EXTENTS, i, name, fine=False) for i, name in ((1, "box"), (3, "absent"))}
 
 
@@ -19,20 +18,16 @@ TRUTHS = [FrameTruth(0, 0, K, 640, (Target(1, TRUE),)), FrameTruth(0, 1, K, 640,
 
 
 def test_a_wrong_answer_costs_precision_if_it_is_surer_and_the_image_shows_the_object():
-    far = TRUE.copy()
-    far[0, 3] += 1.0
     right = _one(TRUE, 0.5)
     assert average_precision(TRUTHS, MODELS, [right])["ap"] == 1.0
-    assert average_precision(TRUTHS, MODELS, [right, _one(far, 0.4)])["ap"] == 1.0
-    assert average_precision(TRUTHS, MODELS, [right, _one(far, 0.6)])["ap"] == 0.5
-    assert average_precision(TRUTHS, MODELS, [right, _one(far, 0.6, 1)])["ap"] == 1.0
+    assert average_precision(TRUTHS, MODELS, [right, _one(FAR, 0.4)])["ap"] == 1.0
+    assert average_precision(TRUTHS, MODELS, [right, _one(FAR, 0.6)])["ap"] == 0.5
+    assert average_precision(TRUTHS, MODELS, [right, _one(FAR, 0.6, 1)])["ap"] == 1.0
     assert average_precision(TRUTHS, MODELS, [])["ap"] == 0.0
     assert average_precision(TRUTHS[1:], MODELS, [right])["ap"] is None
 
 
 def test_the_answers_of_an_image_beyond_the_most_do_not_count():
-    far = TRUE.copy()
-    far[0, 3] += 1.0
-    others = [_one(far, 1.0, object_id=3)] * MOST_ANSWERS
+    others = [_one(FAR, 1.0, object_id=3)] * MOST_ANSWERS
     assert average_precision(TRUTHS, MODELS, [*others, _one(TRUE, 0.5)])["ap"] == 0.0
     assert average_precision(TRUTHS, MODELS, [*others[1:], _one(TRUE, 0.5)])["ap"] == 1.0

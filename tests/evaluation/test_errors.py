@@ -9,10 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from generated_values import motions, point_sets, poses_in_front
+from generated_values import motions, point_sets, poses_in_front, turns_about_z
 from hlp.evaluation import EvaluationSettings, errors
 from hlp.evaluation.errors import is_symmetric_flip, near_truth, rotation_error
-from hlp.geometry import inverse, nearest_symmetric_pose, rigid, rotation_distance, transform
+from hlp.geometry import (
+    inverse,
+    nearest_symmetric_pose,
+    project,
+    rigid,
+    rotation_distance,
+    transform,
+)
 
 K = np.array([[572.4, 0.0, 325.3], [0.0, 573.6, 242.0], [0.0, 0.0, 1.0]])
 
@@ -24,42 +31,12 @@ def _poses(seed, spread=0.3):
     return true @ step, true, rng.uniform(-0.06, 0.06, (150, 3))
 
 
-def _at(pose, vertex):
-    return pose[:3, :3] @ vertex + pose[:3, 3]
-
-
-def _pixel(pose, vertex):
-    x, y, z = _at(pose, vertex)
-    return np.array([K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]])
-
-
-def test_adi_starts_from_the_true_vertices():
-    # Two far vertices and a cluster: from which side the closest is sought changes the mean.
-    vertices = np.array([[0.0, 0, 0], [0.001, 0, 0], [0.002, 0, 0], [0.1, 0, 0]])
-    true, estimated = np.eye(4), np.eye(4)
-    estimated[0, 3] = 0.1
-    # From the true side: 0.1, 0.099, 0.098 to the estimated cluster at 0.1, and 0 for the last.
-    assert errors.add_s(estimated, true, vertices) == pytest.approx((0.1 + 0.099 + 0.098) / 4)
-    # The other way round it would be 0, 0.001, 0.002 and 0.1.
-    assert errors.add_s(true, estimated, vertices) == pytest.approx((0.001 + 0.002 + 0.1) / 4)
-
-
-@pytest.mark.parametrize("degrees", [0.01, 5.0, 179.99])
-def test_errors_of_a_turn_and_of_a_shift(degrees):
-    axis = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
-    turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis).as_matrix()
-    start = Rotation.random(random_state=4).as_matrix()
-    pose, moved = rigid(start, np.zeros(3)), rigid(turn @ start, np.array([0.0, 0.007, 0.0]))
-    assert np.rad2deg(errors.rotation_error(moved, pose)) == pytest.approx(degrees, rel=1e-5)
-    assert errors.translation_error(moved, pose) == pytest.approx(0.007)
-
-
 def test_box_iou_is_that_of_boxes_computed_one_by_one():
     estimated, true, vertices = _poses(3)
     estimated[:2, 3] += 0.02
     boxes = []
     for pose in (estimated, true):
-        pixels = np.array([_pixel(pose, v) for v in vertices])
+        pixels = project(transform(pose, vertices), K)
         boxes.append([*pixels.min(axis=0), *pixels.max(axis=0)])
     a, b = boxes
     width, height = (min(a[i + 2], b[i + 2]) - max(a[i], b[i]) for i in (0, 1))
@@ -107,26 +84,13 @@ def _turned(degrees, millimetres=0.0, axis=(0.0, 1.0, 0.0)):
     return pose
 
 
-def _near(poses, model, settings, bound):
-    centroids = transform(poses, model.centroid[None])[:, 0]
-    found = near_truth(poses[:, :3, :3], centroids, TRUE, model, settings, (bound, bound))
-    return found.tolist()
-
-
-@pytest.mark.parametrize(
-    ("degrees", "millimetres", "near"),
-    [(0, 0, True), (29.9, 0, True), (30.1, 0, False), (0, 29.9, True), (0, 30.1, False)],
-)
-def test_a_pose_is_near_within_both_bounds_about_the_centroid(degrees, millimetres, near):
-    poses = _turned(degrees, millimetres)[None]
-    assert _near(poses, PLAIN, SETTINGS, 30.0) == [near]
-
-
 def test_the_turned_pose_of_a_symmetric_object_is_near_only_by_the_policy():
     poses = np.stack([TRUE, TRUE @ BAR_TURN, _turned(90)])
-    assert _near(poses, BAR, SETTINGS, 5.0) == [True, True, False]
+    centroids = transform(poses, BAR.centroid[None])[:, 0]
     strict = dataclasses.replace(SETTINGS, symmetric=())
-    assert _near(poses, BAR, strict, 5.0) == [True, False, False]
+    for settings, turned in ((SETTINGS, True), (strict, False)):
+        near = near_truth(poses[:, :3, :3], centroids, TRUE, BAR, settings, (5.0, 5.0))
+        assert near.tolist() == [True, turned, False]
 
 
 def test_votes_near_the_truth_are_those_that_angles_and_distances_say(monkeypatch):
@@ -166,9 +130,7 @@ def test_flipped_is_what_lies_on_the_surface_but_is_turned(pose, model, flipped)
 def symmetric_objects(draw):
     """Vertices and the cyclic group of 2 to 6 motions, about any axis, that maps them to them."""
     place = draw(motions(0.02))
-    order = draw(st.integers(2, 6))
-    turns = [Rotation.from_rotvec([0, 0, 2 * np.pi * i / order]).as_matrix() for i in range(order)]
-    group = np.stack([place @ rigid(turn, np.zeros(3)) @ inverse(place) for turn in turns])
+    group = place @ turns_about_z(draw(st.integers(2, 6))) @ inverse(place)
     part = draw(point_sets(1, 12))
     return np.concatenate([transform(each, part) for each in group]), group
 

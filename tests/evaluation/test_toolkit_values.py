@@ -2,13 +2,12 @@
 
 import json
 import math
-from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from make_toolkit_values import BOXES, DELTAS, SHAPE, STEP, STORED, pose_of
-from ray_boxes import box_depth, scene_depth
+from make_toolkit_values import DELTAS, SHAPE, STEP, STORED, depth_of, pose_of
+from ray_boxes import box_depth
 
 from hlp.data.bop import BopSettings
 from hlp.data.bop_models import symmetry_motions
@@ -47,13 +46,7 @@ def _pose(six):
     return pose
 
 
-@cache
-def _depth(number):
-    """The depth image in metres."""
-    image = IMAGES[number]
-    boxes = [(pose_of(t["pose"]), BOXES[t["obj_id"]][0]) for t in image["truths"]]
-    camera = np.array(image["cam_K"])
-    return scene_depth(boxes, camera, SHAPE, image["occluded"], image["hole"]) / 1000
+DEPTHS = [depth_of(image) / 1000 for image in IMAGES]
 
 
 def _truths(localization):
@@ -68,7 +61,7 @@ def _truths(localization):
             frame_id=number,
             camera_matrix=np.array(image["cam_K"]),
             rgb=np.zeros((*SHAPE, 3), np.uint8),
-            depth=_depth(number),
+            depth=DEPTHS[number],
             targets=tuple(targets),
         )
         yield FrameTruth.of(frame, with_depth=localization)
@@ -111,7 +104,7 @@ def test_errors_of_a_pose():
         assert mssd.item() * 1000 == pytest.approx(own["mssd"], abs=1e-6)
         assert mspd.item() == pytest.approx(own["mspd"], abs=1e-6)
         for delta, own_recalls in zip(DELTAS, recalls, strict=True):
-            vsd = own_recalls._vsd(*pair, camera, _depth(own["image"]))
+            vsd = own_recalls._vsd(*pair, camera, DEPTHS[own["image"]])
             np.testing.assert_allclose(vsd, own[f"vsd{delta}"], atol=1e-8)
 
 

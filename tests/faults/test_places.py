@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from process import limit_files, obey_permissions
 
-from forked_hlp import run_hlp
+from forked_hlp import run_hlp, succeed
 from run_files import poses_of, stages
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
@@ -27,8 +27,7 @@ def work(tiny_run, tmp_path):
 def ends_well(tiny_run, folder, *overrides):
     """The same command in a folder; the poses must be the same."""
     command = ("run", *tiny_run.overrides, "machine.threads=2", "output=again", *overrides)
-    ended = run_hlp(folder, *command)
-    assert ended.returncode == 0, ended.stderr
+    succeed(folder, *command)
     assert poses_of(folder / "again") == poses_of(tiny_run.output)
 
 

@@ -1,13 +1,13 @@
 """`experiment=bop` killed while it learns, while it finds, and while its files are written."""
 
-import csv
 import signal
 
 import pytest
 from process import BOP_PLACES, stop_hlp
 
 from bop_sets import SMALLEST, write_bop_set
-from forked_hlp import run_hlp
+from forked_hlp import succeed
+from table_text import csv_rows
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
@@ -30,8 +30,7 @@ def _finished(folder):
 
 
 def _untimed(path):
-    with path.open() as stream:
-        rows = list(csv.DictReader(stream))
+    rows = csv_rows(path)
     return [{key: value for key, value in row.items() if key not in TIMED} for row in rows]
 
 
@@ -43,8 +42,7 @@ def test_nothing_is_lost_and_nothing_that_was_finished_is_done_twice(tmp_path):
     for folder in folders:
         folder.mkdir()
     whole, stopped = folders
-    ended = run_hlp(whole, *command)
-    assert ended.returncode == 0, ended.stderr
+    succeed(whole, *command)
     done, steps = {}, []
     for place in BOP_PLACES:
         stop_hlp(stopped, place, signal.SIGKILL, *command)
@@ -53,8 +51,7 @@ def test_nothing_is_lost_and_nothing_that_was_finished_is_done_twice(tmp_path):
         done = found
         steps.append(len(found))
     assert 0 < steps[0] < steps[1] < steps[2]
-    ended = run_hlp(stopped, *command)
-    assert ended.returncode == 0, ended.stderr
+    ended = succeed(stopped, *command)
     assert ended.stdout.count("finished already") == 2, ended.stdout
     assert done.items() <= _finished(stopped).items()
     tables = sorted(path.name for path in (whole / "out").glob("*.csv"))

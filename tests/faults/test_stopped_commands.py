@@ -7,7 +7,7 @@ import signal
 import pytest
 from process import stop_hlp
 
-from forked_hlp import run_hlp
+from forked_hlp import succeed
 from frame_files import write_image
 from hlp.runs.manifest import poses_digest
 from run_files import logged_runs
@@ -32,12 +32,6 @@ def kill(folder, place, *arguments):
     return stop_hlp(folder, place, signal.SIGKILL, *arguments).stdout
 
 
-def succeed(folder, *arguments):
-    ended = run_hlp(folder, *arguments)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout
-
-
 @pytest.mark.parametrize("place", ["copy begun", "copy made"])
 def test_objects_export(folder, place):
     export = ("objects", "export", "both", "copy", "work=work")
@@ -56,7 +50,7 @@ def test_objects_remove(folder, place):
     cache = folder / "work" / "objects"
     shutil.copytree(cache / "both", cache / "other")
     kill(folder, place, "objects", "remove", "both", "work=work")
-    listed = succeed(folder, "objects", "list", "work=work").splitlines()
+    listed = succeed(folder, "objects", "list", "work=work").stdout.splitlines()
     assert [line.split()[0] for line in listed[:-1]] == ["other"]
     succeed(folder, "objects", "remove", "other", "work=work")
     assert list(cache.iterdir()) == []
@@ -101,7 +95,7 @@ def test_upload(unsent, tmp_path, place, left):
     upload = ("upload", "uri=sqlite:///server/mlflow.db")
     (tmp_path / "server").mkdir()
     kill(tmp_path, place, *upload)
-    assert f"{left} runs sent" in succeed(tmp_path, *upload)
+    assert f"{left} runs sent" in succeed(tmp_path, *upload).stdout
     client, (run,) = logged_runs(tmp_path, "server")
     assert run.info.status == "FINISHED"
     assert "config.yaml" in {item.path for item in client.list_artifacts(run.info.run_id)}

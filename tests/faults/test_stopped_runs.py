@@ -11,7 +11,7 @@ import pytest
 from process import CODES, LEARNING_PLACES, LINES, PLACES, SWEEP_PLACES, stop_hlp
 
 from damage import WAYS, damage
-from forked_hlp import run_hlp
+from forked_hlp import run_hlp, succeed
 from hlp.data.synthetic.objects import demo_objects
 from hlp.reporting.mlflow.pages import HEADLINES
 from run_files import children_of, logged_runs, poses_of, read_json
@@ -44,8 +44,7 @@ def test_a_run_ends_with_the_same_poses(tiny_run, tmp_path):
     command = ("run", *tiny_run.overrides, "machine.threads=2", "output=last")
     stop_everywhere(tmp_path, PLACES, command, "work/*/*.partial/**/*")
     assert not (tmp_path / "last" / "manifest.json").exists()
-    ended = run_hlp(tmp_path, *command)
-    assert ended.returncode == 0, ended.stderr
+    succeed(tmp_path, *command)
     assert poses_of(tmp_path / "last") == poses_of(tiny_run.output)
     found = Counter(run.info.status for run in logged_runs(tmp_path)[1])
     assert found.pop("FINISHED") == 1 and set(found) == {"KILLED"}
@@ -61,8 +60,7 @@ def test_a_sweep_loses_no_setting_and_does_none_twice(tiny_run, tmp_path):
     command = ("run", "-m", *tiny_run.overrides, "panels=0", "name=swept", "machine.threads=1")
     command += ("refinement.particles=25,26",)
     stop_everywhere(tmp_path, SWEEP_PLACES, command, "")
-    ended = run_hlp(tmp_path, *command)
-    assert ended.returncode == 0, ended.stderr
+    ended = succeed(tmp_path, *command)
     assert "continuing the sweep in" in ended.stdout
     assert "finished already: particles 25" in ended.stdout
     (record,) = (tmp_path / "outputs").glob("swept/*/sweep.json")
@@ -84,8 +82,7 @@ def test_learning_ends_with_the_same_files(tmp_path):
         if model.name in ("bear", "can"):
             write_mesh(tmp_path, model)
     command = ("learn", "mesh=bear.ply,can.ply", *LEARNING)
-    whole = run_hlp(tmp_path, *command, "output=whole")
-    assert whole.returncode == 0, whole.stderr
+    succeed(tmp_path, *command, "output=whole")
     stop_everywhere(tmp_path, LEARNING_PLACES, (*command, "output=last"), "last.partial/**/*")
     again = run_hlp(tmp_path, *command, "output=last")  # at the last place all is there
     assert again.returncode == 1

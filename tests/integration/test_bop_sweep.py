@@ -1,11 +1,11 @@
 """`experiment=bop` on small copies of BOP's sets, from meshes to files for its server."""
 
-import csv
 import re
 
 import pytest
 
 from bop_sets import SMALLEST, write_bop_set
+from table_text import csv_rows
 from tiny_run import start_hlp
 
 pytestmark = pytest.mark.slow
@@ -45,8 +45,7 @@ def test_one_command_ends_with_a_table_and_files_for_the_server(tmp_path):
     assert done.stdout.index("searching 3 images of ") < done.stdout.index("What is left")
     assert re.search(r"\nall +6 +9 +\d+ +0:06 +0:00 +0.6 GB\n", before), before
     assert before.index("GB\n") < before.index("step 1 of 6")
-    with (tmp_path / "out" / "bop.csv").open() as stream:
-        table = {row["set"]: row for row in csv.DictReader(stream)}
+    table = {row["set"]: row for row in csv_rows(tmp_path / "out" / "bop.csv")}
     assert table.keys() >= {"tless", "ycbv", "mean, localization", "Vidal et al., 2018"}
     for name in ("tless", "ycbv"):
         assert table[name]["images"] == "3" and 0 <= float(table[name]["AR"]) <= 1

@@ -5,35 +5,25 @@ Where the format of what is learnt has moved on, `make example` makes it anew.
 
 import shutil
 
-import numpy as np
-
-from forked_hlp import run_hlp
+from forked_hlp import run_hlp, succeed
 from hlp import Detector
 from hlp.evaluation.errors import add
 from hlp.files import shipped_folder
 from hlp.method.learn.learnt_folder import FORMAT
-from run_files import read_json
+from run_files import read_json, stated_pose
 
 LARGEST = 3e6  # bytes of all of it, in every wheel
 
 
 def test_readmes_first_command_finds_the_example_and_says_where_its_picture_is(tmp_path):
-    done = run_hlp(tmp_path, "predict", "learnt=example", "output=found")
-    assert done.returncode == 0, done.stderr
+    done = succeed(tmp_path, "predict", "learnt=example", "output=found")
     assert "Pictures  found/panels/000000.png\n" in done.stdout
     assert (tmp_path / "found/panels/000000.png").stat().st_size > 10_000
     (found,) = read_json(tmp_path / "found/poses.json")["poses"]
     (true,) = read_json(shipped_folder("example") / "frames/scene_gt.json")["0"]
     (model,) = Detector.load(shipped_folder("example") / "learnt").models.values()
-    error = add(_pose(found), _pose(true), model.mesh.vertices)
+    error = add(stated_pose(found), stated_pose(true), model.mesh.vertices)
     assert error < 0.02 * model.diameter and found["score"] > 0.9
-
-
-def _pose(stated):
-    pose = np.eye(4)
-    pose[:3, :3] = np.reshape(stated["cam_R_m2c"], (3, 3))
-    pose[:3, 3] = np.array(stated["cam_t_m2c"]) / 1000
-    return pose
 
 
 def test_a_folder_in_the_cache_goes_before_and_another_format_is_said(tmp_path):

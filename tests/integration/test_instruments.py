@@ -4,9 +4,7 @@ import pytest
 
 from hlp.method.find.estimator import PoseEstimator
 from hlp.refinement.refiner import NoneRefiner
-from hlp.reporting.study_numbers import KINDS, read_numbers
-from hlp.results.recalls import read_target_values
-from run_files import logged_run, read_json, stages
+from run_files import assert_targets_have_the_means_of_the_study, logged_run, read_json, stages
 from table_text import csv_rows
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]
@@ -21,13 +19,6 @@ def logged_metrics(tiny_run, output):
     _, run = logged_run(tiny_run.folder, output)
     assert run.info.status == "FINISHED"
     return run.data.metrics
-
-
-def assert_targets_have_the_means_of_the_study(output, study):
-    numbers = read_numbers(output, KINDS[study])
-    targets = read_target_values(output)
-    means = {name: sum(values.values()) / len(values) for name, values in targets.items()}
-    assert means == pytest.approx({name: numbers[name].value for name in means})
 
 
 def test_oracle_fills_the_matrix_from_the_runs_own_stages(tiny_run, tmp_path, capsys):

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from forked_hlp import run_hlp
+from bad_input import written
+from forked_hlp import succeed
 from hlp.errors import ConfigError
 from hlp.models.encoder import ENCODERS
 from run_files import read_json
@@ -21,9 +22,7 @@ BLOCK = re.compile(r'```\w+ title="([^"]+)"\n(.*?)```', re.DOTALL)
 def plug_in(tmp_path):
     """A folder with the example's files, and what pip would write beside them."""
     for name, content in BLOCK.findall(CONTRIBUTING.read_text()):
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(content)
+        written(tmp_path / name, content)
     project = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]
     installed = tmp_path / "my_hlp-1.0.dist-info"
     installed.mkdir()
@@ -41,8 +40,7 @@ def plug_in(tmp_path):
 def test_the_example_is_found_by_its_name_and_runs(plug_in):
     chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=4")
     tiny = [setting for setting in TINY if not setting.startswith("encoder=")]
-    done = run_hlp(plug_in, "run", *chosen, *tiny, "panels=0", "output=out")
-    assert done.returncode == 0, done.stderr
+    succeed(plug_in, "run", *chosen, *tiny, "panels=0", "output=out")
     manifest = read_json(plug_in / "out" / "manifest.json")
     assert manifest["config"]["encoder"] == {"name": "cells", "cells": 4}
     assert read_json(plug_in / "out" / "summary.json")["targets"] > 0

@@ -57,17 +57,12 @@ def test_it_holds_configuration_and_notebooks_and_nothing_else_of_the_checkout(w
 
 
 def test_help_and_configuration(wheel):
-    helped = wheel.hlp("--help")
-    assert helped.returncode == 0, helped.stderr
-    assert "usage: hlp COMMAND" in helped.stdout
-    shown = wheel.hlp("run", "--cfg", "job")
-    assert shown.returncode == 0, shown.stderr
-    assert "\nrefinement:\n" in shown.stdout
+    assert "usage: hlp COMMAND" in wheel.printed_by_hlp("--help")
+    assert "\nrefinement:\n" in wheel.printed_by_hlp("run", "--cfg", "job")
 
 
 def test_the_example_is_found(wheel):
-    done = wheel.hlp("predict", "learnt=example", "output=outputs/example")
-    assert done.returncode == 0, done.stderr
+    wheel.printed_by_hlp("predict", "learnt=example", "output=outputs/example")
     assert (wheel.place / "outputs/example/panels/000000.png").is_file()
 
 
@@ -89,12 +84,9 @@ def test_nothing_is_written_into_the_package(wheel):
 
 
 def test_the_run_is_listed_and_reported_again(wheel):
-    listed = wheel.hlp("runs")
-    assert listed.returncode == 0, listed.stderr
-    assert "mine" in listed.stdout
+    assert "mine" in wheel.printed_by_hlp("runs")
     (wheel.place / OUT / "report.html").unlink()
-    again = wheel.hlp("report", f"output={OUT}")
-    assert again.returncode == 0, again.stderr
+    wheel.printed_by_hlp("report", f"output={OUT}")
     assert (wheel.place / OUT / "report.html").is_file()
 
 

@@ -1,24 +1,15 @@
-"""A frame for the tests of the detector."""
+"""A frame, and learnt objects to change, for the tests of the detector."""
+
+import shutil
+from pathlib import Path
 
 import pytest
 
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from tiny_method import MODELS
 
-DEMO = SyntheticSettings(
-    scenes=12,
-    seed=0,
-    width=320,
-    height=240,
-    noise=0.5,
-    min_visible=0.3,
-    objects=(5, 5),
-    clutter=(1, 3),
-    distance_mm=(600.0, 800.0),
-    elevation_deg=(20.0, 75.0),
-    roll_deg=20.0,
-    tilt_deg=5.0,
-)
+SMALL = {"scenes": 12, "width": 320, "height": 240, "objects": (5, 5), "clutter": (1, 3)}
+DEMO = SyntheticSettings(**SMALL, noise=0.5, distance_mm=(600.0, 800.0))
 
 
 @pytest.fixture(scope="session")
@@ -32,3 +23,14 @@ def frame():
         return max(bears, default=0.0)
 
     return max(frames, key=visible)
+
+
+@pytest.fixture
+def image(frame):
+    return frame.rgb, frame.depth, frame.camera_matrix
+
+
+@pytest.fixture
+def folder(learnt, tmp_path):
+    """A copy of the learnt objects."""
+    return Path(shutil.copytree(learnt, tmp_path / "learnt"))

@@ -2,31 +2,22 @@
 
 import json
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
 
-from hlp.config.build import build_settings
+from composed_settings import run_settings
 from hlp.errors import ConfigError
 from hlp.method.settings import MethodSettings
 from hlp.models.pca import PcaSettings
 from hlp.settings import read_settings
 
-CONF = Path(__file__).parents[2] / "conf"
-
-
-def composed(*overrides):
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return build_settings(compose("config", overrides=["output=out", *overrides])).method
-
 
 def test_defaults_are_what_hlp_run_composes_for_any_data():
-    assert MethodSettings() == composed("data=bop", "data.root=folder")
+    assert MethodSettings() == run_settings("data=bop", "data.root=folder").method
 
 
 def test_linemod_differs_in_its_range_of_poses_alone():
-    linemod = composed("experiment=linemod_bop", "data.root=lm")
+    linemod = run_settings("experiment=linemod_bop", "data.root=lm").method
     assert linemod.rendering.coverage == "hemisphere"
     assert replace(linemod, rendering=MethodSettings().rendering) == MethodSettings()
 
@@ -42,7 +33,7 @@ def test_linemod_differs_in_its_range_of_poses_alone():
     ],
 )
 def test_they_come_back_from_json(overrides):
-    settings = composed(*overrides)
+    settings = run_settings(*overrides).method
     assert read_settings(MethodSettings, json.loads(json.dumps(asdict(settings)))) == settings
 
 

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -13,12 +12,6 @@ from hlp.errors import DataError, InputError, MissingFileError
 from hlp.fingerprints import sealed
 from hlp.method.learn.learnt_folder import RECORD
 from tiny_method import tiny_method, write_meshes
-
-
-@pytest.fixture
-def folder(learnt, tmp_path):
-    """A copy of the learnt objects."""
-    return Path(shutil.copytree(learnt, tmp_path / "learnt"))
 
 
 def rewrite(folder, **values):

@@ -8,14 +8,13 @@ import trimesh
 
 from hlp import CameraImage, Detector, TrackingSettings
 from hlp.errors import InputError
-from hlp.evaluation.errors import add_s
 from hlp.geometry import project, rigid, rotation_distance, transform
 from hlp.method import tracker as tracker_module
 from hlp.method.find.detections import SearchResult
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.tracker import Track, part_near
 from hlp.records import Frame
-from moving_scene import SimulatedCamera, path
+from moving_scene import SimulatedCamera, is_right, path
 from tiny_method import MODELS
 
 BEAR, CAN = MODELS["bear"], MODELS["can"]
@@ -25,10 +24,6 @@ NEAR = (-0.05, -0.02, 0.7)
 @pytest.fixture(scope="module")
 def detector(learnt):
     return Detector.load(learnt)
-
-
-def is_right(pose, true, model):
-    return add_s(pose, true, model.mesh.vertices) < 0.1 * model.diameter
 
 
 def hidden(poses, first, last):

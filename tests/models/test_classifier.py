@@ -6,18 +6,7 @@ from hlp.models.classifier import class_probabilities
 from hlp.models.network import load_network
 from hlp.models.network_training import HolisticCNN
 from hlp.models.onnx_export import export_network
-from networks import trained
-
-
-def random_levels(count, channels, seed=0):
-    rng = np.random.default_rng(seed)
-    return rng.integers(1, 256, (count, 64, 64, channels)).astype(np.uint8)
-
-
-def scaled(levels):
-    """Levels as training has them: (n, c, 64, 64) in [-1, 1]."""
-    images = torch.from_numpy(levels).permute(0, 3, 1, 2).float()
-    return torch.cat([images[:, :3] / 127.5 - 1, (images[:, 3:] - 128) / 127], dim=1)
+from networks import random_levels, scaled, trained
 
 
 @pytest.mark.parametrize("channels", [3, 4])

@@ -52,13 +52,6 @@ def test_features_are_projections():
     np.testing.assert_allclose(features, expected, atol=1e-4)
 
 
-def test_a_patch_has_one_feature_in_whatever_company():
-    patches = make_patches(50)
-    pca = fitted(patches, 8)
-    alone = patches[np.array([7])]
-    np.testing.assert_allclose(pca.encode(alone)[0], pca.encode(patches)[7], atol=1e-5)
-
-
 def test_no_more_components_than_there_are_values_and_none_of_nothing():
     with pytest.raises(ValueError, match=r"^dimension is 49: 4 × 4 normals have 48 components$"):
         fitted(make_patches(60), 49)

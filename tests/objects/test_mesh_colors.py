@@ -13,11 +13,15 @@ from hlp.objects.meshes import decimate, load_mesh
 IMAGE = np.random.default_rng(0).integers(0, 256, (32, 48, 3)).astype(np.uint8)
 
 
-def _textured_box():
+def _write(folder, kind):
+    """A box with a texture in a file of some kind; the file, and its texture coordinates."""
     box = trimesh.creation.box((50, 60, 70))
     uv = np.random.default_rng(1).random((len(box.vertices), 2))
+    if kind == "ply":
+        return _write_ply(folder, box, uv), uv
     box.visual = trimesh.visual.TextureVisuals(uv=uv, image=Image.fromarray(IMAGE))
-    return box, uv
+    box.export(folder / f"box.{kind}")
+    return folder / f"box.{kind}", uv
 
 
 def _write_ply(folder, box, uv):
@@ -38,10 +42,7 @@ def _write_ply(folder, box, uv):
 
 @pytest.mark.parametrize("kind", ["ply", "obj", "glb"])
 def test_textures_are_read_at_full_resolution(tmp_path, kind):
-    box, uv = _textured_box()
-    path = _write_ply(tmp_path, box, uv) if kind == "ply" else tmp_path / f"box.{kind}"
-    if kind != "ply":
-        box.export(path)
+    path, uv = _write(tmp_path, kind)
     mesh = load_mesh(path)
     assert mesh.colored
     np.testing.assert_array_equal(mesh.texture.image, IMAGE)
@@ -52,10 +53,7 @@ def test_textures_are_read_at_full_resolution(tmp_path, kind):
 
 @pytest.mark.parametrize("kind", ["ply", "obj"])
 def test_a_missing_image_is_a_warning_and_grey(tmp_path, caplog, kind):
-    box, uv = _textured_box()
-    path = _write_ply(tmp_path, box, uv) if kind == "ply" else tmp_path / "box.obj"
-    if kind == "obj":
-        box.export(path)
+    path, _ = _write(tmp_path, kind)
     for image in tmp_path.glob("*.png"):
         image.unlink()
     with caplog.at_level(logging.WARNING):
@@ -67,7 +65,7 @@ def test_a_missing_image_is_a_warning_and_grey(tmp_path, caplog, kind):
 
 
 def test_a_damaged_image_is_grey_too(tmp_path):
-    path = _write_ply(tmp_path, *_textured_box())
+    path, _ = _write(tmp_path, "ply")
     (tmp_path / "box.png").write_bytes(b"no image")
     mesh = load_mesh(path)
     assert mesh.texture is None and not mesh.colored

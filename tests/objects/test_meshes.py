@@ -49,15 +49,9 @@ def test_without_colours_it_is_plain_and_normals_are_computed(tmp_path):
 
 
 def test_the_files_own_normals_win_and_get_unit_length(tmp_path):
-    lines = ["0 0 0 0 3 0", "100 0 0 0 0 2", "0 100 0 4 0 0"]
-    header = [
-        "ply", "format ascii 1.0", "element vertex 3",
-        *(f"property float {n}" for n in ("x", "y", "z", "nx", "ny", "nz")),
-        "element face 1", "property list uchar int vertex_indices", "end_header",
-    ]  # fmt: skip
-    path = tmp_path / "a.ply"
-    path.write_text("\n".join([*header, *lines, "3 0 1 2", ""]))
-    mesh = load_mesh(path)
+    lines = "0 0 0 0 3 0\n100 0 0 0 0 2\n0 100 0 4 0 0"
+    text = ply(lines, "3 0 1 2", ("x", "y", "z", "nx", "ny", "nz"))
+    mesh = load_mesh(written(tmp_path / "a.ply", text))
     np.testing.assert_allclose(mesh.normals, [[0, 1, 0], [0, 0, 1], [1, 0, 0]])
 
 
@@ -99,14 +93,14 @@ def test_a_decimated_mesh_stays_close_and_keeps_colours_and_outward_normals():
     np.testing.assert_allclose(np.linalg.norm(small.normals, axis=1), 1.0)
 
 
+def _soup(corners):
+    """Triangles (n, 3, 3) that share no vertex."""
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    return trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
+
+
 def test_decimating_a_triangle_soup_does_not_tear_it():
-    sphere = _sphere_mm(4)
-    soup = trimesh.Trimesh(
-        sphere.vertices[sphere.faces].reshape(-1, 3),
-        np.arange(len(sphere.faces) * 3).reshape(-1, 3),
-        process=False,
-    )
-    small = decimate(_mesh(soup), 600)
+    small = decimate(_mesh(_soup(_sphere_mm(4).triangles)), 600)
     assert trimesh.Trimesh(small.vertices, small.faces).is_watertight
 
 
@@ -135,8 +129,7 @@ def test_a_mesh_of_a_million_triangles_gets_few_faces_soon(kind):
     if kind == "torn box":  # one sixth of the triangles are missing, here and there
         raw.update_faces(np.random.default_rng(0).random(len(raw.faces)) > 1 / 6)
     if kind == "soup":
-        corners = np.array(raw.vertices)[raw.faces].reshape(-1, 3)
-        raw = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+        raw = _soup(raw.triangles)
     full = _mesh(raw)
     begun = time.process_time()
     small = decimate(full, 500)
@@ -150,8 +143,7 @@ def test_vertices_of_large_meshes_are_merged_in_cells(monkeypatch):
     monkeypatch.setattr(meshes, "_VERY_LARGE", 1000)
     rng = np.random.default_rng(0)
     corners = rng.random((3000, 1, 3)) * 100.0 + rng.normal(size=(3000, 3, 3))
-    loose = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(9000).reshape(-1, 3), process=False)
-    for raw in (loose, _sphere_mm(5)):
+    for raw in (_soup(corners), _sphere_mm(5)):
         small = decimate(_mesh(raw), 500)
         assert 4 <= len(small.faces) <= 500
         np.testing.assert_allclose(np.ptp(small.vertices, 0), np.ptp(raw.vertices, 0) / 1e3, 0.1)
@@ -226,10 +218,12 @@ def mesh(name, content):
     return of_file(load_mesh, name, content)
 
 
-def ply(vertices, faces, count=3, head="ply\nformat ascii 1.0\n"):
+def ply(vertices, face, columns=("x", "y", "z")):
+    """A mesh of three vertices and one face."""
+    properties = "".join(f"property float {name}\n" for name in columns)
     return (
-        f"{head}element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face 1\nproperty list uchar int vertex_indices\nend_header\n{vertices}\n{faces}\n"
+        f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}"
+        f"element face 1\nproperty list uchar int vertex_indices\nend_header\n{vertices}\n{face}\n"
     )
 
 

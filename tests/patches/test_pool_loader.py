@@ -22,9 +22,6 @@ def test_an_epoch_shows_every_row_once_but_for_the_incomplete_batch():
     assert [len(batch) for batch in batches] == [5] * 4
     assert len({row for batch in batches for row in batch}) == 20
     assert len(pool_loader(POOL, 5, 0)) == 4
-
-
-def test_tensors_of_a_batch_belong_to_the_same_rows():
     for batch in pool_loader(POOL, 5, 0):
         torch.testing.assert_close(batch["square"], batch["row"] ** 2)
 

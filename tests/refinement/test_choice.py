@@ -12,7 +12,7 @@ from hlp.refinement.refiner import Refinement
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.turns import half_turns
 from hlp.refinement.verification import Verifier, observe
-from refinement_scene import CAMERA, disturbed, error
+from refinement_scene import CAMERA, colorless, disturbed, error, search_of
 
 
 class Recorder:
@@ -35,29 +35,8 @@ class Recorder:
         return Refinement(answer.pose_cam_obj, answer.iterations + 1)
 
 
-def try_to_choose(
-    scene,
-    verification,
-    refiner,
-    poses,
-    candidates=8,
-    max_improvement=0.1,
-    most=None,
-    early_score=None,
-):
-    # All have the same support, which therefore adds nothing to the cost.
-    hypotheses = Hypotheses(poses, np.ones(len(poses)))
-    settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
-    seen = observe(scene.rgb, scene.depth, CAMERA, settings)
-    verifier = Verifier(scene.model, settings)
-    rules = {"candidates": most, "early_score": early_score, "min_score": 0.5}
-    return InstanceSearch(refiner, verifier, seen, hypotheses, seed=3, **rules).find()
-
-
 def choose(*args, **options):
-    result = try_to_choose(*args, **options)
-    assert result is not None
-    return result
+    return search_of(*args, **options).find()
 
 
 def costs_of(scene, verification, poses):
@@ -106,7 +85,7 @@ def test_what_scores_too_little_early_on_is_given_up_and_not_searched_again(
 
 
 def test_what_is_found_upside_down_without_colours_is_turned_over(scene, verification):
-    model = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
+    model = colorless(scene.model)
     for part, away in ((model, 0.0), (scene.model, 180.0)):
         start = scene.pose @ half_turns(model)[:1]
         result = choose(replace(scene, model=part), verification, Recorder(), start)
@@ -175,7 +154,7 @@ def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(scene, verificat
     np.testing.assert_array_equal(result.costs, alone.costs)
     assert result.sources[result.best] == 5
     refiner = Recorder()
-    assert try_to_choose(scene, verification, refiner, bad[[0, 2, 4]]) is None
+    assert search_of(scene, verification, refiner, bad[[0, 2, 4]]).find() is None
     assert refiner.asked == [] and refiner.searched_again == []
 
 

@@ -1,17 +1,14 @@
 """How well a pose fits: known images, and the synthetic scene at right and wrong poses."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
 
 from hlp.geometry import rigid
-from hlp.records import ObjectModel
 from hlp.refinement.pose_fit import depth_correlation, measure_fit, slope_correlation
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
-from refinement_scene import CAMERA, as_mesh, disturbed
+from refinement_scene import CAMERA, colorless, disturbed, model_of
 
 SETTINGS = VerificationSettings()
 
@@ -62,7 +59,7 @@ def test_place_and_tilt_do_not_matter_but_shape_does(compare):
 
 @pytest.fixture(scope="module")
 def observation(scene):
-    return observe(scene.rgb, scene.depth, CAMERA, SETTINGS)
+    return scene.seen
 
 
 @pytest.fixture(scope="module")
@@ -113,13 +110,11 @@ def test_what_lies_outside_the_image_is_not_visible(scene, observation, verifier
 @pytest.mark.parametrize("away", [0.0, 0.22])
 def test_a_side_is_narrow_by_its_share_of_the_broadest_and_colours_make_up_for_it(away):
     """Of a carton of 120, 80 and 20 mm, wholly in the image and cut off by its border."""
-    carton = as_mesh(trimesh.creation.box((0.12, 0.08, 0.02)))
+    carton = model_of(trimesh.creation.box((0.12, 0.08, 0.02)))
     broad, narrow = np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     empty = np.zeros((240, 320, 3), np.uint8), np.ones((240, 320))
     seen = observe(*empty, CAMERA, SETTINGS)
-    for colored, shares in ((False, (1.0, 0.25)), (True, (1.0, 1.0))):
-        mesh = replace(carton, colored=colored)
-        model = ObjectModel(1, "carton", mesh, mesh, 0.15, np.eye(4)[None], 0.1, 0.04)
+    for model, shares in ((colorless(carton), (1.0, 0.25)), (carton, (1.0, 1.0))):
         verifier = Verifier(model, SETTINGS)
         for rotation, share in zip((broad, narrow), shares, strict=True):
             pose = rigid(rotation, np.array([away, 0.0, 0.8]))

@@ -10,7 +10,7 @@ from hlp.records import Hypotheses
 from hlp.refinement.icp import IcpRefiner, IcpSettings
 from hlp.refinement.pso import PsoRefiner, PsoSettings
 from hlp.refinement.refiner import NoneRefiner
-from refinement_scene import SHAPE, disturbed, error, make_scene, shifted_model
+from refinement_scene import SHAPE, colorless, disturbed, error, make_scene, shifted_model
 
 
 @pytest.fixture
@@ -120,11 +120,10 @@ def test_threads_do_not_change_the_poses_of_pso(scene, pso_settings):
 def test_the_search_for_objects_without_colours_weighs_colour_edges(scene, pso_settings):
     """Their weight changes where the swarm ends; of coloured objects it changes nothing."""
     coarse = hypotheses(disturbed(scene, 20, 10, 1))
-    for colored in (True, False):
-        model = replace(scene.model, mesh=replace(scene.model.mesh, colored=colored))
+    for model in (scene.model, colorless(scene.model)):
         ends = []
         for weight in (0.0, 0.9):
             cost = replace(pso_settings.cost, weight_image_edge=weight)
             refiner = PsoRefiner(replace(pso_settings, cost=cost))
             ends.append(refiner.refine(model, scene.seen, coarse, seed=5)[0].pose_cam_obj)
-        assert np.array_equal(*ends) == colored
+        assert np.array_equal(*ends) == model.mesh.colored

@@ -106,13 +106,9 @@ def test_weights_are_the_minimum_of_the_penalised_likelihood():
         replace(fit, edge=rng.uniform(0.0, 0.4), visible_fraction=rng.uniform(0.5, 1.0))
         for fit in fits
     ]
-    x = np.array(
-        [
-            [1.0, f.cost, (np.arctanh(f.depth_correlation) + np.arctanh(f.slope)) / 2.0, f.edge]
-            for f in fits
-        ]
-    )
-    x = np.column_stack([x, [1.0 - f.visible_fraction for f in fits]])
+    shapes = [(np.arctanh(f.depth_correlation) + np.arctanh(f.slope)) / 2.0 for f in fits]
+    others = [[1.0, fit.cost, fit.edge, 1.0 - fit.visible_fraction] for fit in fits]
+    x = np.insert(np.array(others), 2, shapes, axis=1)
     weight = np.where(right, 0.6 / right.mean(), 0.4 / (~right).mean())
     prior = COLORLESS_PRIOR.weights()
 
@@ -134,12 +130,11 @@ def test_a_better_fit_never_has_a_lower_score():
     costs = rng.uniform(0.1, 0.4, 2000)
     found = fit_score_model(fits_of(costs, rng.uniform(0.2, 2.0, 2000)), costs > 0.25)
     assert found.cost == 0.0 and found.shape >= 0.0
-    assert PRIOR.score(PoseFit(0.1, 0.9, 0.9, 1.0, 1.0)) > PRIOR.score(
-        PoseFit(0.2, 0.9, 0.9, 1.0, 1.0)
+    good, less, opposite, no_better = (
+        PRIOR.score(PoseFit(*measured, 1.0, 1.0))
+        for measured in ((0.1, 0.9, 0.9), (0.2, 0.9, 0.9), (0.2, 1.0, -1.0), (0.2, 0.9, -1.0))
     )
-    assert PRIOR.score(PoseFit(0.2, 1.0, -1.0, 1.0, 1.0)) >= PRIOR.score(
-        PoseFit(0.2, 0.9, -1.0, 1.0, 1.0)
-    )
+    assert good > less and opposite >= no_better
 
 
 def test_poses_of_one_kind_teach_nothing():

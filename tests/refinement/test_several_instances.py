@@ -1,36 +1,19 @@
 """Several instances of one object in a frame: each is chosen once, on pixels of its own."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from hlp.geometry import transform
-from hlp.records import Hypotheses
-from hlp.refinement.choice import InstanceSearch
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import NoneSettings, Refinement
 from hlp.refinement.verification import Verifier, observe
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import FRONTAL_LIGHT
-from refinement_scene import CAMERA, SHAPE, disturbed
+from refinement_scene import CAMERA, SHAPE, disturbed, search_of
 
 
-def find(row, poses, verification, count, **given):
-    refiner = given.get("settings", NoneSettings()).build(1)
-    scene = row[0]
-    settings = replace(
-        verification, candidates=8, max_improvement=given.get("max_improvement", 0.1)
-    )
-    search = InstanceSearch(
-        refiner,
-        Verifier(scene.model, settings),
-        observe(scene.rgb, scene.depth, CAMERA, settings),
-        Hypotheses(poses, np.ones(len(poses))),
-        seed=3,
-        score=given.get("score"),
-        min_score=0.5,
-    )
-    return search.find(count)
+def find(row, poses, verification, count, settings=None, **given):
+    refiner = (settings or NoneSettings()).build(1)
+    return search_of(row[0], verification, refiner, poses, **given).find(count)
 
 
 def centres(row, found):
@@ -45,7 +28,7 @@ def test_every_instance_is_found_once(row, verification):
     )
     settings = PsoSettings(particles=15, iterations=15)
     found = find(row, poses, verification, 3, settings=settings)
-    assert found is not None and len(found.instances) == 3 == len(set(found.instances))
+    assert len(found.instances) == 3 == len(set(found.instances))
     true = transform(np.stack([scene.pose for scene in row]), row[0].model.centroid[None])[:, 0]
     order = np.argsort(centres(row, found)[:, 0])
     np.testing.assert_allclose(centres(row, found)[order], true, atol=0.006)
@@ -59,7 +42,7 @@ def test_there_are_no_more_instances_than_things_to_stand_on(row, verification):
     """Hypotheses on explained pixels are no further instance, however many are asked for."""
     poses = np.stack([disturbed(row[1], 2.0 * k, 2.0 * k, seed=k) for k in range(6)])
     found = find(row, poses, verification, 4)
-    assert found is not None and len(found.instances) == 1
+    assert len(found.instances) == 1
 
 
 class Attracted:
@@ -83,7 +66,7 @@ def test_what_is_refined_onto_a_chosen_instance_is_never_the_cheapest(row, verif
     poses = np.stack([row[1].pose, row[1].pose, disturbed(row[0], 2.0, 2.0, seed=1)])
     attracted = Attracted(row[1].pose)
     found = find(row, poses, verification, 2, settings=attracted, max_improvement=0.0)
-    assert found is not None and len(found.instances) == 1 and len(found.refined) == 3
+    assert len(found.instances) == 1 and len(found.refined) == 3
     assert np.isfinite(found.costs[:2]).all() and np.isinf(found.costs[2:]).all()
     assert len(found.costs) == len(found.sources) == 3
 
@@ -91,7 +74,6 @@ def test_what_is_refined_onto_a_chosen_instance_is_never_the_cheapest(row, verif
 def test_the_first_instance_does_not_depend_on_how_many_are_asked_for(row, verification):
     poses = np.stack([disturbed(scene, 3.0, 3.0, seed=k) for k, scene in enumerate(row)])
     one, three = (find(row, poses, verification, count) for count in (1, 3))
-    assert one is not None and three is not None
     assert len(one.instances) == 1 and len(three.instances) == 3
     first, again = (each.refined[each.best].pose_cam_obj for each in (one, three))
     np.testing.assert_array_equal(first, again)
@@ -118,7 +100,6 @@ def test_only_a_search_without_known_number_is_kept_short(row, verification):
     poses = np.stack([row[0].pose, *(disturbed(row[1], 6.0, 6.0, seed=k) for k in range(8))])
     known = find(row, poses, verification, 2)
     open_end = find(row, poses, verification, 2, score=lambda _: 1.0)
-    assert known is not None and open_end is not None
     assert len(open_end.refined) < len(known.refined) == 9
 
 
@@ -131,7 +112,7 @@ def test_an_instance_that_is_not_good_enough_is_the_last(row, verification):
         return float(len(asked) < 2)
 
     found = find(row, poses, verification, 3, score=second_is_not)
-    assert found is not None and len(found.instances) == 2
+    assert len(found.instances) == 2
 
 
 def test_a_further_instance_is_given_up_where_the_first_poses_are_hopeless(row, verification):
@@ -145,6 +126,5 @@ def test_a_further_instance_is_given_up_where_the_first_poses_are_hopeless(row, 
         find(row, poses, verification, 2, score=lambda pose, s=s: score(pose, s))
         for s in (0.05, 0.2)
     )
-    assert hopeless is not None and doubtful is not None
     assert (len(hopeless.refined), len(doubtful.refined)) == (4, 6)
     assert len(hopeless.instances) == len(doubtful.instances) == 2

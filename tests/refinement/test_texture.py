@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from generated_values import turns_about_z
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Mesh, ObjectModel, Texture
 from hlp.refinement import texture
@@ -21,6 +22,7 @@ from hlp.refinement.verification import VerificationSettings, observe
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import Light
 from hlp.rendering.surface import color_grid
+from refinement_scene import as_mesh, colorless, model_of
 
 CAMERA = np.array([[520.0, 0.0, 159.5], [0.0, 520.0, 119.5], [0.0, 0.0, 1.0]])
 SHAPE = (240, 320)
@@ -34,14 +36,13 @@ def _model(shape, near_symmetries):
     points = np.array(fine.vertices)
     waves = np.random.default_rng(5).normal(scale=60.0, size=(3, 3))
     colors = 120 + 80 * np.sin(points @ waves + [0.3, 1.1, 2.0])
-    mesh = Mesh(
-        points, np.array(fine.faces), colors.astype(np.uint8), np.array(fine.vertex_normals)
-    )
-    diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
-    symmetries = np.eye(4)[None]
-    return ObjectModel(
-        1, "box", mesh, mesh, diameter, symmetries, 0.1, 0.04, np.stack(near_symmetries)
-    )
+    mesh = replace(as_mesh(fine), colors=colors.astype(np.uint8))
+    model = model_of(shape)
+    return replace(model, mesh=mesh, proxy=mesh, near_symmetries=np.stack(near_symmetries))
+
+
+BOX = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
+CARTON = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
 
 
 def _scene(model, seed, hidden=False):
@@ -50,12 +51,8 @@ def _scene(model, seed, hidden=False):
     pose = rigid(turn, np.array([0.01, -0.02, 0.6]))
     parts = [(model.mesh, pose)]
     if hidden:
-        cover = trimesh.creation.box((0.05, 0.2, 0.02))
-        colors = np.full((8, 3), 200, np.uint8)
-        cover_mesh = Mesh(
-            np.array(cover.vertices), np.array(cover.faces), colors, np.array(cover.vertex_normals)
-        )
-        parts.append((cover_mesh, rigid(np.eye(3), np.array([0.03, -0.02, 0.45]))))
+        cover = as_mesh(trimesh.creation.box((0.05, 0.2, 0.02)), (200, 200, 200))
+        parts.append((cover, rigid(np.eye(3), np.array([0.03, -0.02, 0.45]))))
     rgb, depth, _ = render_scene(parts, CAMERA, SHAPE, LIGHT)
     tinted = rgb * np.array([1.1, 0.95, 0.8]) * 0.8 + rng.normal(scale=4.0, size=rgb.shape)
     noisy = (depth + rng.normal(scale=0.002, size=SHAPE) * (depth > 0)).astype(np.float32)
@@ -70,24 +67,24 @@ def _disturbed(pose, seed):
     return rigid(turn @ pose[:3, :3], pose[:3, 3] + rng.normal(scale=0.001, size=3))
 
 
+def _off(found, pose):
+    """The angle between two poses, in degrees."""
+    return np.degrees(rotation_distance(found[:3, :3], pose[:3, :3]))
+
+
 @pytest.mark.parametrize("hidden", [False, True])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_flip_that_the_colours_show_is_chosen(seed, hidden):
-    model = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
-    pose, observation = _scene(model, seed, hidden)
+    pose, observation = _scene(BOX, seed, hidden)
     for motion in [np.eye(4), *HALF_TURNS]:
         start = _disturbed(pose, seed) @ motion
-        chosen = choose_by_texture(observation, model, start)
-        wrong = rotation_distance(chosen[:3, :3], pose[:3, :3])
-        assert np.degrees(wrong) < 3.0
+        assert _off(choose_by_texture(observation, BOX, start), pose) < 3.0
 
 
 def _round_model():
     """A cylinder that looks alike by depth in steps of 5° about its axis."""
-    angles = np.arange(1, 72) * np.radians(5.0)
-    turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
     cylinder = trimesh.creation.cylinder(0.035, 0.12, sections=48)
-    return _model(cylinder, list(rigid(turns, np.zeros(3))))
+    return _model(cylinder, turns_about_z(72)[1:])
 
 
 def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
@@ -96,8 +93,7 @@ def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
         pose, observation = _scene(model, seed)
         turned = Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix()
         chosen = choose_by_texture(observation, model, pose @ rigid(turned, np.zeros(3)))
-        wrong = rotation_distance(chosen[:3, :3], pose[:3, :3])
-        assert np.degrees(wrong) < 4.0
+        assert _off(chosen, pose) < 4.0
 
 
 def test_a_tracked_pose_turns_by_a_few_steps_and_not_by_half_a_turn():
@@ -105,13 +101,11 @@ def test_a_tracked_pose_turns_by_a_few_steps_and_not_by_half_a_turn():
     pose, observation = _scene(model, 0)
     for angle, near in ((13.0, True), (-22.0, True), (180.0, False)):
         turned = rigid(Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix(), np.zeros(3))
-        chosen = choose_nearby_by_texture(observation, model, pose @ turned)
-        wrong = np.degrees(rotation_distance(chosen[:3, :3], pose[:3, :3]))
+        wrong = _off(choose_nearby_by_texture(observation, model, pose @ turned), pose)
         assert wrong < 4.0 if near else wrong > 140.0
-    box = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
-    pose, observation = _scene(box, 0)
+    pose, observation = _scene(BOX, 0)
     flipped = pose @ HALF_TURNS[0]
-    assert choose_nearby_by_texture(observation, box, flipped) is flipped
+    assert choose_nearby_by_texture(observation, BOX, flipped) is flipped
 
 
 def test_a_texture_decides_like_colours_on_the_vertices():
@@ -148,14 +142,12 @@ def test_a_texture_decides_like_colours_on_the_vertices():
 
 
 def test_without_near_symmetries_or_pixels_the_pose_stays():
-    model = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
-    pose, observation = _scene(model, 0)
-    alone = replace(model, near_symmetries=np.empty((0, 4, 4)))
+    pose, observation = _scene(BOX, 0)
+    alone = replace(BOX, near_symmetries=np.empty((0, 4, 4)))
     assert choose_by_texture(observation, alone, pose) is pose
     for shift in ([0, 0, -2.0], [0, 0, 0.5], [5.0, 0, 0]):
         away = rigid(np.eye(3), np.array(shift, dtype=float)) @ pose
-        chosen = choose_by_texture(observation, model, away)
-        assert chosen is away
+        assert choose_by_texture(observation, BOX, away) is away
 
 
 def test_the_kernel_agrees_with_numpy():
@@ -188,32 +180,28 @@ def test_the_kernel_agrees_with_numpy():
 
 
 def test_colours_agree_with_the_right_pose_and_not_with_a_grey_or_other_image():
-    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
-    pose, observation = _scene(model, 3)
-    right = color_agreement(observation, model, pose)
+    pose, observation = _scene(CARTON, 3)
+    right = color_agreement(observation, CARTON, pose)
     assert right.correlation > 0.9 and right.contrast > 0.3
-    wrong = color_agreement(observation, model, pose @ HALF_TURNS[0])
+    wrong = color_agreement(observation, CARTON, pose @ HALF_TURNS[0])
     assert wrong.correlation < 0.5
     grey = np.repeat(observation.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
-    flat = color_agreement(replace(observation, rgb=np.full_like(grey, 90)), model, pose)
+    flat = color_agreement(replace(observation, rgb=np.full_like(grey, 90)), CARTON, pose)
     assert abs(flat.correlation) < 0.1 and flat.contrast == right.contrast
 
 
 def test_without_colours_or_pixels_nothing_contradicts():
-    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
-    pose, observation = _scene(model, 3)
-    colourless = replace(model, mesh=replace(model.mesh, colored=False))
-    assert color_agreement(observation, colourless, pose) == ColorAgreement(0.0, 0.0)
+    pose, observation = _scene(CARTON, 3)
+    assert color_agreement(observation, colorless(CARTON), pose) == ColorAgreement(0.0, 0.0)
     away = rigid(np.eye(3), np.array([2.0, 0.0, 0.6])) @ pose
-    assert color_agreement(observation, model, away) == ColorAgreement(0.0, 0.0)
+    assert color_agreement(observation, CARTON, away) == ColorAgreement(0.0, 0.0)
 
 
 def test_agreement_of_colours_is_the_correlation_without_light():
     """By its definition: least squares instead of a projection, NumPy's dot products."""
-    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
-    pose, observation = _scene(model, 1)
-    seen = texture._seen_surface(observation, model.mesh, model, pose)
-    grid = color_grid(model.mesh)
+    pose, observation = _scene(CARTON, 1)
+    seen = texture._seen_surface(observation, CARTON.mesh, CARTON, pose)
+    grid = color_grid(CARTON.mesh)
     cells = ((seen.points - grid.corner) // grid.cell).astype(int)
     drawn = np.log([20.0 + grid.colors[tuple(np.maximum(cell, 0))] for cell in cells])
     vectors = []
@@ -223,6 +211,6 @@ def test_agreement_of_colours_is_the_correlation_without_light():
         vectors.append(np.column_stack([colors - mean[:, None], mean - fitted]).ravel())
     first, second = vectors
     expected = first @ second / np.sqrt((first @ first) * (second @ second))
-    found = color_agreement(observation, model, pose)
+    found = color_agreement(observation, CARTON, pose)
     assert found.correlation == pytest.approx(expected, abs=1e-4)
     assert found.contrast == pytest.approx(np.sqrt(second @ second / len(drawn)), rel=1e-4)

@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 from hlp.geometry import rigid, rotation_distance, transform
-from hlp.records import ObjectModel
 from hlp.refinement.choice import choose_among_alike
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import Refinement, refine_turned_over
@@ -15,17 +14,10 @@ from hlp.refinement.turns import half_turns, turns_about_axis
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_rgbd
 from hlp.rendering.shading import FRONTAL_LIGHT
-from refinement_scene import CAMERA, SHAPE, as_mesh
+from refinement_scene import CAMERA, SHAPE, colorless, model_of
 
 TURNED = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
 SETTINGS = VerificationSettings()
-
-
-def model_of(shape):
-    mesh = as_mesh(shape)
-    spread = mesh.vertices[:, None] - mesh.vertices
-    diameter = float(np.linalg.norm(spread, axis=-1).max())
-    return ObjectModel(1, "part", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
 
 
 def mug():
@@ -78,8 +70,7 @@ def link():
     bar = trimesh.creation.box((0.1, 0.03, 0.012))
     block = trimesh.creation.box((0.03, 0.04, 0.02))
     block.apply_translation([0.04, 0.0, 0.008])
-    model = model_of(trimesh.util.concatenate([bar, block]))
-    return replace(model, mesh=replace(model.mesh, colored=False))
+    return colorless(model_of(trimesh.util.concatenate([bar, block])))
 
 
 def test_half_turns_leave_the_bounding_box_where_it_is():

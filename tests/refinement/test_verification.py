@@ -9,11 +9,11 @@ from scipy.ndimage import distance_transform_edt, sobel
 from hlp.image_edges import NO_EDGE, color_edges
 from hlp.refinement import verification
 from hlp.refinement.cost_kernel import WORST, depth_edges
-from hlp.refinement.verification import Evidence, VerificationSettings, Verifier, observe
+from hlp.refinement.verification import Evidence, Verifier, observe
 from hlp.rendering.rasterizer import render_depth, render_rgbd
 from hlp.rendering.shading import Light
 from packed_boxes import POSES, WHITE, box, frame
-from refinement_scene import CAMERA, SHAPE, disturbed, error, make_scene
+from refinement_scene import CAMERA, SHAPE, colorless, disturbed, error, make_scene
 
 AMBIENT = Light((0.0, 0.0, -1.0), 1.0, 0.0, 0.0, 1.0)
 
@@ -62,7 +62,6 @@ def image_distance(scene, rendered, settings, reach):
         near = (edges != NO_EDGE) & (np.minimum(away, 16 - away) <= 3)
         maps.append(distance_transform_edt(~near))
     chosen = np.take_along_axis(np.stack(maps), nearest[None], axis=0)[0]
-    assert settings.tau_image_edge_mm is not None
     return chosen / reach * settings.tau_edge_mm / settings.tau_image_edge_mm
 
 
@@ -82,8 +81,7 @@ def cost(scene, pose, settings):
 @pytest.mark.parametrize("colored", [True, False])
 @pytest.mark.parametrize("step", [(0, 0), (15, 10), (60, 30)])
 def test_evidence_is_what_plain_numpy_finds(scene, verification, step, colored):
-    mesh = replace(scene.model.mesh, colored=colored)
-    scene = replace(scene, model=replace(scene.model, mesh=mesh))
+    scene = scene if colored else replace(scene, model=colorless(scene.model))
     pose = disturbed(scene, *step, seed=2)
     fine = replace(verification, roi_size=1000)
     found, expected = evidence(scene, pose, fine), reference(scene, pose, fine)
@@ -124,18 +122,14 @@ def test_the_true_pose_costs_least(verification):
 
 def test_occlusion_costs_less_than_free_space_but_not_nothing(verification):
     scene = make_scene(0, hidden=False)
-    wall = replace_depth(scene, np.full(SHAPE, 0.3, dtype=np.float32))
-    behind = replace_depth(scene, np.full(SHAPE, 2.0, dtype=np.float32))
+    wall = replace(scene, depth=np.full(SHAPE, 0.3, dtype=np.float32))
+    behind = replace(scene, depth=np.full(SHAPE, 2.0, dtype=np.float32))
     true = cost(scene, scene.pose, verification)
     assert true < cost(wall, scene.pose, verification) < cost(behind, scene.pose, verification)
 
 
-def replace_depth(scene, depth):
-    return replace(scene, depth=depth)
-
-
 def test_colour_takes_no_part_for_a_mesh_without_colours(scene, verification):
-    grey = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
+    grey = colorless(scene.model)
     verification = replace(verification, tau_image_edge_mm=None)
     observation, poses = seen(scene, verification), scene.pose[None]
     blind = replace(verification, weight_color=0.0)
@@ -171,7 +165,7 @@ def test_poses_with_few_votes_pay_for_it(scene, verification):
 
 @pytest.mark.parametrize("fill", [0.0, np.nan])
 def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(scene, verification, fill):
-    empty = replace_depth(scene, np.full(SHAPE, fill, dtype=np.float32))
+    empty = replace(scene, depth=np.full(SHAPE, fill, dtype=np.float32))
     away, behind = scene.pose.copy(), scene.pose.copy()
     away[0, 3], behind[2, 3] = 5.0, -1.0
     assert cost(empty, scene.pose, verification) == WORST
@@ -185,15 +179,6 @@ def test_poses_are_judged_alone(scene, verification):
     verifier, observation = Verifier(scene.model, verification), seen(scene, verification)
     alone = [verifier.costs(observation, pose[None])[0] for pose in poses]
     np.testing.assert_array_equal(verifier.costs(observation, poses), alone)
-
-
-def test_colour_edges_count_for_objects_without_colours_only(scene):
-    gray = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
-    seen = scene.seen
-    assert seen.edges_of(replace(gray, mesh=replace(gray.mesh, colored=True))) is None
-    assert seen.edges_of(gray) is seen.edge_distance
-    no_color = replace(VerificationSettings(), tau_image_edge_mm=None)
-    assert observe(scene.rgb, scene.depth, CAMERA, no_color).edges_of(gray) is None
 
 
 def test_an_objects_depth_is_drawn_once_in_an_image_and_its_copies(monkeypatch):

@@ -1,8 +1,6 @@
 """OpenGL draws what the numba rasteriser draws, pixel for pixel; each known trap has its test."""
 
 import gc
-import subprocess
-import sys
 import textwrap
 import threading
 from dataclasses import replace
@@ -10,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
+from hlp.geometry import rigid
 from hlp.records import Mesh
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.shading import Light, random_light
+from new_process import printed_by
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[300.0, 0.0, 31.3], [0.0, 310.0, 22.6], [0.0, 0.0, 1.0]])
@@ -38,11 +39,8 @@ def bumpy_ball(seed=0):
 
 def random_poses(count):
     rng = np.random.default_rng(1)
-    poses = np.stack(
-        [trimesh.transformations.random_rotation_matrix(rng.random(3)) for _ in range(count)]
-    )
-    poses[:, :3, 3] = rng.uniform([-0.02, -0.02, 0.4], [0.02, 0.02, 0.8], (count, 3))
-    return poses
+    places = rng.uniform([-0.02, -0.02, 0.4], [0.02, 0.02, 0.8], (count, 3))
+    return rigid(Rotation.random(count, random_state=rng).as_matrix(), places)
 
 
 def at(z):
@@ -112,17 +110,9 @@ class TestPictures:
         assert opengl.opengl_problem() is None  # here it still works
 
 
-def run_python(code):
-    result = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=60
-    )
-    assert result.returncode == 0, result.stderr
-    return result.stdout
-
-
 @pytest.mark.usefixtures("working_opengl")
 def test_a_forked_child_is_told_why_it_cannot_render():
-    printed = run_python("""
+    code = """
         import os
         from hlp.rendering.opengl import opengl_problem
         assert opengl_problem() is None
@@ -130,12 +120,13 @@ def test_a_forked_child_is_told_why_it_cannot_render():
             print(opengl_problem(), flush=True)
             os._exit(0)
         os.wait()
-    """)
+    """
+    printed = printed_by(textwrap.dedent(code))
     assert "forked" in printed and "spawn" in printed
 
 
 def test_missing_libraries_are_named():
-    printed = run_python("""
+    code = """
         import sys
         sys.modules["pyrender"] = None  # importing it raises ImportError
         from hlp.rendering.opengl import opengl_problem, render_rgbd
@@ -144,5 +135,6 @@ def test_missing_libraries_are_named():
             render_rgbd(None, None, None, (1, 1), None)
         except RuntimeError as error:
             print(error)
-    """)
+    """
+    printed = printed_by(textwrap.dedent(code))
     assert "libegl1 libgl1 libxrender1" in printed

@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 from hlp.geometry import project, transform
-from hlp.records import ObjectModel
 from hlp.rendering import opengl
 from hlp.rendering.views import (
     ViewsSettings,
@@ -18,7 +17,7 @@ from hlp.rendering.views import (
     thomson,
     view_rotations,
 )
-from refinement_scene import as_mesh
+from refinement_scene import model_of
 
 SETTINGS = ViewsSettings(
     name="numba",
@@ -33,23 +32,17 @@ SETTINGS = ViewsSettings(
 )
 
 
-def as_model(shape):
-    mesh = as_mesh(shape, (200, 100, 50))
-    diameter = float(np.linalg.norm(mesh.vertices[:, None] - mesh.vertices[None], axis=-1).max())
-    return ObjectModel(7, "thing", mesh, mesh, diameter, np.eye(4)[None], 0.08, 0.03)
-
-
 def cone(scale=1.0):
     """A cone far from the origin of its coordinates, tip up."""
     shape = trimesh.creation.cone(radius=0.03 * scale, height=0.06 * scale)
     shape.apply_translation([0.3, -0.2, 0.1])
-    return as_model(shape)
+    return model_of(shape, (200, 100, 50), "thing")
 
 
 def test_poses_put_the_centroid_on_the_axis_and_cover_the_viewpoints():
     model = cone()
     rendered = render_views(model, SETTINGS, seed=4)
-    assert len(rendered) == 18 and rendered.object_id == 7
+    assert len(rendered) == 18 and rendered.object_id == 1
     centroid = transform(rendered.poses_cam_obj, model.centroid[None])[:, 0]
     np.testing.assert_allclose(centroid, [[0.0, 0.0, 0.8]] * 18, atol=1e-12)
     np.testing.assert_allclose(project(centroid, rendered.camera_matrix), 31.5)

@@ -20,16 +20,12 @@ from hlp.records import PoseEstimate, TargetScore
 from hlp.results import poses_file
 from hlp.results.poses_file import AnswersFile, read_poses, read_scores, write_poses, write_scores
 
-
-def _pose(seed):
-    rotation = Rotation.random(random_state=seed).as_matrix()
-    return rigid(rotation, np.random.default_rng(seed).normal(0.5, 0.2, 3))
-
-
+SHIFTS = np.random.default_rng(0).normal(0.5, 0.2, (2, 3))
+POSES = rigid(Rotation.random(2, random_state=0).as_matrix(), SHIFTS)
 ESTIMATES = [
-    PoseEstimate(6, 12, 1, _pose(0), 0.75, {"holistic": 0.1, "refinement": 0.2}),
+    PoseEstimate(6, 12, 1, POSES[0], 0.75, {"holistic": 0.1, "refinement": 0.2}),
     PoseEstimate(6, 12, 6, None, 0.0, {"holistic": 0.05}),
-    PoseEstimate(6, 18, 6, _pose(1), 0.1),
+    PoseEstimate(6, 18, 6, POSES[1], 0.1),
 ]
 
 
@@ -40,9 +36,9 @@ def test_the_file_is_bops(tmp_path):
     assert header == ["scene_id", "im_id", "obj_id", "score", "R", "t", "time"]
     assert len(rows) == 2 and rows[0][:3] == ["6", "12", "1"]
     numbers = [float(word) for word in rows[0][4].split(" ")]
-    np.testing.assert_array_equal(numbers, _pose(0)[:3, :3].ravel())
+    np.testing.assert_array_equal(numbers, POSES[0][:3, :3].ravel())
     millimetres = [float(word) for word in rows[0][5].split(" ")]
-    np.testing.assert_allclose(millimetres, _pose(0)[:3, 3] * 1000)
+    np.testing.assert_allclose(millimetres, POSES[0][:3, 3] * 1000)
     assert float(rows[0][6]) == pytest.approx(0.35)
     assert float(rows[1][6]) == -1.0
 
@@ -52,9 +48,9 @@ def test_the_time_is_that_of_all_objects_of_the_image_found_or_not(tmp_path):
     path = tmp_path / "poses.csv"
     estimates = [
         PoseEstimate(6, 1, 1, None, 0.0, {"holistic": 0.5}),
-        PoseEstimate(6, 1, 2, _pose(0), 0.9, {"holistic": 0.25, "local": 0.125}),
-        PoseEstimate(6, 2, 1, _pose(0), 0.9, {}),  # its time is not known, so the image's is not
-        PoseEstimate(6, 2, 2, _pose(0), 0.9, {"holistic": 0.25}),
+        PoseEstimate(6, 1, 2, POSES[0], 0.9, {"holistic": 0.25, "local": 0.125}),
+        PoseEstimate(6, 2, 1, POSES[0], 0.9, {}),  # its time is not known, so the image's is not
+        PoseEstimate(6, 2, 2, POSES[0], 0.9, {"holistic": 0.25}),
     ]
     poses_file.write_poses(path, estimates)
     times = [estimate.seconds for estimate in poses_file.read_poses(path)]
@@ -122,8 +118,7 @@ def test_an_absent_file_and_other_columns_are_named(tmp_path, read):
         read(path)
 
 
-POSE = np.array([[0, -1, 0, 0.1], [1, 0, 0, -0.2], [0, 0, 1, 0.7], [0, 0, 0, 1.0]])
-ESTIMATE = PoseEstimate(0, 3, 1, POSE, 0.75, {"total": 0.125})
+ESTIMATE = PoseEstimate(0, 3, 1, POSES[0], 0.75, {"total": 0.125})
 
 
 def test_every_answer_is_on_disk_at_once(tmp_path):
@@ -132,7 +127,7 @@ def test_every_answer_is_on_disk_at_once(tmp_path):
         (line,) = (tmp_path / "out" / "poses.jsonl").read_text().splitlines()
         assert json.loads(line) == {"im_id": 3, "found": True}
         (read,) = read_poses(tmp_path / "out" / "poses.csv")
-        np.testing.assert_allclose(read.pose_cam_obj, POSE)
+        np.testing.assert_allclose(read.pose_cam_obj, POSES[0])
         file.add({"im_id": 4, "found": False}, None)
     write_poses(tmp_path / "whole.csv", [ESTIMATE])
     assert (tmp_path / "whole.csv").read_text() == (tmp_path / "out" / "poses.csv").read_text()

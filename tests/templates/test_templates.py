@@ -9,14 +9,13 @@ import trimesh
 
 from hlp.geometry import inverse, rigid, transform
 from hlp.image_edges import NO_EDGE, color_edges, edges
-from hlp.records import Mesh, ObjectModel
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.rendering.views import thomson
 from hlp.templates.building import DIRECTIONS, TemplateSettings, build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from hlp.threads import ThreadTeam
-from refinement_scene import as_mesh
+from refinement_scene import as_mesh, model_of, posed
 
 CAMERA = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
 SHAPE = (480, 640)
@@ -36,9 +35,7 @@ def plate():
         box = trimesh.creation.box((*size, 0.012))
         box.apply_translation((*at, 0.0))
         boxes.append(box)
-    mesh = as_mesh(trimesh.util.concatenate(boxes))
-    diameter = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    return ObjectModel(1, "plate", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+    return model_of(trimesh.util.concatenate(boxes))
 
 
 @pytest.fixture(scope="module")
@@ -50,15 +47,10 @@ def scene(plate, turn):
     """RGB, depth and true pose of the plate on a table that is tilted towards the camera."""
     flat = trimesh.transformations.rotation_matrix(np.pi - 0.25, [1, 0, 0])[:3, :3]
     rotation = flat @ trimesh.transformations.rotation_matrix(turn, [0, 0, 1])[:3, :3]
-    pose = rigid(rotation, np.array([0.05, -0.03, 0.6]) - rotation @ plate.centroid)
+    pose = posed(plate, rotation, np.array([0.05, -0.03, 0.6]))
     table = as_mesh(trimesh.creation.box((0.7, 0.7, 0.01)), (70, 100, 150))
     under = rigid(flat, np.array([0.05, -0.03, 0.6]) - flat @ [0.0, 0.0, 0.011])
-    painted = Mesh(
-        plate.mesh.vertices,
-        plate.mesh.faces,
-        np.full_like(plate.mesh.colors, 200),
-        plate.mesh.normals,
-    )
+    painted = replace(plate.mesh, colors=np.full_like(plate.mesh.colors, 200))
     rgb, depth, _ = render_scene([(painted, pose), (table, under)], CAMERA, SHAPE, FRONTAL_LIGHT)
     return rgb, depth, pose
 
@@ -85,7 +77,7 @@ def test_a_template_is_what_its_view_shows(plate, templates):
     """Laid on a picture of its own view, all its features are found, with all depths."""
     for row in range(5, len(templates.offsets), 177):
         rotation, center = templates.rotations_cam_obj[row], np.array([0.0, 0.0, 0.5])
-        pose = rigid(rotation, center - rotation @ plate.centroid)
+        pose = posed(plate, rotation, center)
         _, depth, _ = render_scene([(plate.mesh, pose)], CAMERA, SHAPE, FRONTAL_LIGHT)
         directions = edges((depth > 0.0)[..., None].astype(np.float32), 0.05)
         anchor = center + templates.anchors_cam[row]
@@ -136,9 +128,7 @@ def test_few_poses_of_one_place_are_kept(plate):
     """The first ones, wherever the mesh's origin and however the object is turned."""
     middles = np.array([[0.0, 0.0, 0.6]] * 3 + [[0.2, 0.0, 0.6]] + [[0.0, 0.001, 0.6]])
     turns = [trimesh.transformations.rotation_matrix(t, [0, 0, 1])[:3, :3] for t in range(5)]
-    poses = np.stack(
-        [rigid(r, at - r @ plate.centroid) for r, at in zip(turns, middles, strict=True)]
-    )
+    poses = np.stack([posed(plate, *each) for each in zip(turns, middles, strict=True)])
     assert at_different_places(poses, plate, 2).tolist() == [0, 1, 3]
     assert at_different_places(poses, plate, 4).tolist() == [0, 1, 2, 3, 4]
     assert at_different_places(poses[:0], plate, 2).tolist() == []

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from generated_values import motions, numbers, point_sets, rotations, vectors
+from generated_values import motions, numbers, point_sets, rotations, turns_about_z, vectors
 from hlp.codebook.entries import make_codebook
 from hlp.geometry import allocentric_to_egocentric, inverse, rigid, rotation_distance, transform
 from hlp.records import Codebook, LocalPatches, Matches, Mesh, ObjectModel
@@ -79,11 +79,6 @@ def test_without_near_neighbours_or_patches_there_are_no_votes():
     assert len(cast_votes(patches, matches, codebook, MODEL, -1.0, True)) == 0
     none = Matches(np.zeros((0, 3), int), np.zeros((0, 3)))
     assert len(cast_votes(patches_at(np.zeros((0, 3))), none, codebook, MODEL, 3.0, True)) == 0
-
-
-def turns_about_z(count):
-    turns = np.arange(count)[:, None] * [0.0, 0.0, 2 * np.pi / count]
-    return rigid(Rotation.from_rotvec(turns).as_matrix(), np.zeros(3))
 
 
 def test_nearby_upright_poses_of_a_symmetric_object_have_nearby_canonical_rotations():

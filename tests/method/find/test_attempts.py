@@ -63,9 +63,13 @@ def refined(*poses):
     return RefinedHypotheses(found, np.zeros(len(poses)), numbers, seeds, (0,))
 
 
-def attempts(estimator, context, instances, min_score=None):
+def attempts(estimator, context, instances, *searches, min_score=None):
+    """Attempts at so many instances, and what searches have found already."""
     context.estimator = context.fits = estimator
-    return Attempts(context, 1, instances, None, min_score)
+    tried = Attempts(context, 1, instances, None, min_score)
+    for found in searches:
+        tried.add(found)
+    return tried
 
 
 def found_places(tried):
@@ -76,8 +80,7 @@ def found_places(tried):
 def test_one_after_another_packed_neighbours_are_found(verifier):
     context = frame(verifier, WHITE, WHITE, WHITE)
     estimator = Scores(verifier, [0.9, 0.6, 0.7, 0.0])
-    tried = attempts(estimator, context, 3)
-    tried.add(refined(POSES[0]))
+    tried = attempts(estimator, context, 3, refined(POSES[0]))
     tried.search_neighbours()
     assert found_places(tried) == [0, 2, 1]
     # beside the first one, then beside the second
@@ -93,8 +96,7 @@ def test_nothing_is_looked_for_beside_what_is_unlikely_coloured_or_all(
 ):
     context = frame(verifier, WHITE, WHITE)
     estimator = Scores(verifier, scores, templates)
-    tried = attempts(estimator, context, instances)
-    tried.add(refined(POSES[0]))
+    tried = attempts(estimator, context, instances, refined(POSES[0]))
     tried.search_neighbours()
     assert estimator.asked == [] and found_places(tried) == [0]
 
@@ -108,25 +110,23 @@ def test_where_the_number_is_not_known_some_more_are_tried_whatever_the_first_sc
         assert estimator.asked == [asked]
 
 
-def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(verifier):
-    """One that no search chose, too, unless it was given up."""
-    context = frame(verifier, WHITE, RED, WHITE)
-    tried = attempts(Scores(verifier, [0.95, 0.05, 0.03, 0.0]), context, 2)
-    tried.add(refined(POSES[0]))
-    tried.add(refined(POSES[1], POSES[2]))
-    assert found_places(tried) == [0, 2]
-    given_up = replace(
-        found := refined(POSES[1], POSES[2]),
-        refined=[found.refined[0], replace(found.refined[1], given_up=True)],
-    )
-    without = attempts(Scores(verifier, [0.95, 0.05, 0.03, 0.0]), context, 2)
-    without.add(refined(POSES[0]))
-    without.add(given_up)
-    assert found_places(without) == [0, 1]
-    colored = attempts(Scores(verifier, [0.95, 0.2, 0.1, 0.0], templates=False), context, 2)
-    colored.add(refined(POSES[0]))
-    colored.add(refined(POSES[1], POSES[2]))
-    assert found_places(colored) == [0, 1]
+@pytest.mark.parametrize(
+    ("scores", "templates", "gives_up", "found"),
+    [
+        ([0.95, 0.05, 0.03, 0.0], True, False, [0, 2]),
+        ([0.95, 0.05, 0.03, 0.0], True, True, [0, 1]),
+        ([0.95, 0.2, 0.1, 0.0], False, False, [0, 1]),
+    ],
+)
+def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(
+    verifier, scores, templates, gives_up, found
+):
+    """One that no search chose, too, unless it was given up; not of coloured objects."""
+    context, unlikely = frame(verifier, WHITE, RED, WHITE), refined(POSES[1], POSES[2])
+    unlikely.refined[1] = replace(unlikely.refined[1], given_up=gives_up)
+    estimator = Scores(verifier, scores, templates)
+    tried = attempts(estimator, context, 2, refined(POSES[0]), unlikely)
+    assert found_places(tried) == found
 
 
 def test_one_beside_a_sure_one_is_likelier_than_the_same_elsewhere(verifier):
@@ -134,8 +134,7 @@ def test_one_beside_a_sure_one_is_likelier_than_the_same_elsewhere(verifier):
     appearances = []
     for other in (1, 2):  # touches the first, or is as far off again
         estimator = Scores(verifier, [0.95, 0.3, 0.3, 0.0])
-        tried = attempts(estimator, context, 2)
-        tried.add(refined(POSES[0], POSES[other]))
+        tried = attempts(estimator, context, 2, refined(POSES[0], POSES[other]))
         assert found_places(tried) == [0, other]
         appearances.append(estimator.appearances[POSES[other].tobytes()])
     assert appearances[0] > appearances[1] + 1.0
@@ -148,8 +147,7 @@ def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color
     for other in (1, 2):
         context = frame(verifier, WHITE, color, color)
         estimator = Scores(verifier, [0.95, 0.4, 0.4, 0.0])
-        tried = attempts(estimator, context, 2)
-        tried.add(refined(POSES[0], POSES[other]))
+        tried = attempts(estimator, context, 2, refined(POSES[0], POSES[other]))
         tried.poses(0.0)
         before = estimator.appearances[POSES[other].tobytes()]
         tried.merged()
@@ -158,8 +156,7 @@ def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color
     (beside, beside_later), (alone, alone_later) = told[1], told[2]
     assert alone_later == pytest.approx(0.2 + 0.3 * (alone - BEST_OF_MANY))
     assert beside_later - alone_later == pytest.approx(beside - alone, abs=0.3)
-    tried = attempts(estimator, context, 2, min_score=0.3)
-    tried.add(refined(POSES[0], POSES[2]))
+    tried = attempts(estimator, context, 2, refined(POSES[0], POSES[2]), min_score=0.3)
     tried.merged()
     assert estimator.settled == {key: estimator.appearances[key] for key in estimator.settled}
 
@@ -172,8 +169,7 @@ def test_the_likelier_another_pose_at_its_place_the_less_likely_is_an_answer(ver
         estimator = Scores(verifier, [0.9, 0.0, 0.0, 0.0])
         alone = {POSES[1].tobytes(): score, POSES[2].tobytes(): score / 2.0}
         estimator.score_alone = lambda _, pose, alone=alone: alone.get(pose.tobytes(), 0.9)
-        tried = attempts(estimator, context, 1)
-        tried.add(refined(*POSES[:3]))
+        tried = attempts(estimator, context, 1, refined(*POSES[:3]))
         assert found_places(tried) == [0]
         settled.append(estimator.settled[POSES[0].tobytes()])
     assert settled[0] - settled[1] == pytest.approx(-1.5 * np.log(0.8), abs=1e-6)
@@ -181,17 +177,21 @@ def test_the_likelier_another_pose_at_its_place_the_less_likely_is_an_answer(ver
     assert np.isfinite(settled[3]) and settled[3] < settled[2] - 20.0
 
 
-def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(verifier):
-    context = frame(verifier, WHITE, WHITE, WHITE)
-    tried = attempts(Scores(verifier, [0.4, 0.9, 0.0, 0.0]), context, 1 + 1)
-    tried.add(refined(POSES[0], POSES[1]))
-    assert found_places(tried) == [0, 1]
-    unknown = attempts(Scores(verifier, [0.4, 0.9, 0.0, 0.0]), context, 2, min_score=0.3)
-    unknown.add(refined(POSES[0], POSES[1]))
-    assert found_places(unknown) == [0]  # where their number is not known, chosen ones alone …
-    unknown = attempts(Scores(verifier, [0.6, 0.9, 0.0, 0.0]), context, 2, min_score=0.3)
-    unknown.add(refined(POSES[0], POSES[1]))
-    assert found_places(unknown) == [0, 1]  # … unless one of them is probably right
+@pytest.mark.parametrize(
+    ("first", "min_score", "found"),
+    [
+        (0.4, None, [0, 1]),
+        (0.4, 0.3, [0]),  # where their number is not known, chosen ones alone …
+        (0.6, 0.3, [0, 1]),  # … unless one of them is probably right
+    ],
+)
+def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(
+    verifier, first, min_score, found
+):
+    context, pair = frame(verifier, WHITE, WHITE, WHITE), refined(POSES[0], POSES[1])
+    estimator = Scores(verifier, [first, 0.9, 0.0, 0.0])
+    tried = attempts(estimator, context, 2, pair, min_score=min_score)
+    assert found_places(tried) == found
 
 
 @pytest.mark.parametrize(("min_score", "right"), [(None, True), (0.5, False)])
@@ -203,8 +203,7 @@ def test_beside_a_sure_one_another_takes_the_place_of_a_less_likely_one(verifier
     by_place = estimator.score
     estimator.score = lambda _, pose: 0.6 if pose is between else by_place(_, pose)
     estimator.refine = lambda *given: refined(*given[2].poses_cam_obj)
-    tried = attempts(estimator, context, 2, min_score)
-    tried.add(refined(POSES[0], between))
+    tried = attempts(estimator, context, 2, refined(POSES[0], between), min_score=min_score)
     tried.search_neighbours()
     assert len(tried.poses(0.0)) == 2
     tried.search_instead()
@@ -238,8 +237,7 @@ class Whole(Scores):
 def test_two_parts_taken_for_one_are_as_likely_as_it_was(second, parts, neighbours):
     verifier = box((0.04, 0.1, 0.08))
     context = frame(verifier, WHITE, second, poses=PAIR)
-    tried = attempts(Whole(verifier, context.observation), context, 2)
-    tried.add(refined(PAIR_WHOLE))
+    tried = attempts(Whole(verifier, context.observation), context, 2, refined(PAIR_WHOLE))
     if neighbours:
         tried.search_neighbours()
     tried.search_instead()  # it may bring another such answer forward
@@ -257,8 +255,7 @@ def test_parts_that_do_not_fit_at_all_are_one():
     estimator = Whole(verifier, context.observation)
     fitting = estimator.score
     estimator.score = lambda _, pose: 0.03 if fitting(_, pose) < 0.5 else fitting(_, pose)
-    tried = attempts(estimator, context, 2)
-    tried.add(refined(PAIR_WHOLE))
+    tried = attempts(estimator, context, 2, refined(PAIR_WHOLE))
     tried.search_neighbours()
     (found,) = tried.poses(0.5)
     np.testing.assert_allclose(found, PAIR_WHOLE)
@@ -268,8 +265,7 @@ def test_parts_of_what_was_divided_are_not_divided(monkeypatch):
     """What they were taken for fits as well as before, and is no rival of them."""
     verifier = box((0.04, 0.1, 0.08))
     context = frame(verifier, WHITE, (150, 150, 150), poses=PAIR)
-    tried = attempts(Whole(verifier, context.observation), context, 2)
-    tried.add(refined(PAIR_WHOLE))
+    tried = attempts(Whole(verifier, context.observation), context, 2, refined(PAIR_WHOLE))
     looked, elsewhere = [], []
     within = attempts_module.poses_within
     monkeypatch.setattr(

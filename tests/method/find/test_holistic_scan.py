@@ -11,8 +11,7 @@ from hlp.models.network_training import HolisticCNN
 from hlp.models.onnx_export import export_network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, cut_windows, metric_windows
 from hlp.records import Frame
-from networks import trained
-from window_reference import window_images
+from networks import scaled, trained
 
 HOLISTIC = HolisticSettings(64, "rgbd")
 EXACT = RegionSettings(16, 0.15, 8, 0.7, "exact")
@@ -67,7 +66,8 @@ def scan(network, objects, settings, threads=1):
 def one_by_one(network, frame, size):
     """The reference: windows as training cuts them, the network as it was trained."""
     windows = metric_windows(frame.depth, frame.camera_matrix, size, EXACT.step)
-    images = window_images(*cut_windows(frame.rgb, frame.depth, windows, size, 64), "rgbd")
+    color, code = cut_windows(frame.rgb, frame.depth, windows, size, 64)
+    images = scaled(np.concatenate([color, code[..., None]], axis=-1))
     with torch.no_grad():
         return windows, torch.softmax(network(images), dim=1).numpy()
 

@@ -35,10 +35,9 @@ def searches(folder):
 
 
 def test_the_bear_is_found_by_any_number_of_threads_and_whoever_else_is_looked_for(
-    joint, frame, monkeypatch
+    joint, frame, image, monkeypatch
 ):
     no_training(monkeypatch)
-    image = frame.rgb, frame.depth, frame.camera_matrix
     one, two = (Detector.load(joint, threads=threads) for threads in (1, 2))
     alone = one.detect(*image, objects=["bear"], max_instances=1)
     both = two.detect(*image, max_instances=1)
@@ -50,7 +49,7 @@ def test_the_bear_is_found_by_any_number_of_threads_and_whoever_else_is_looked_f
     assert np.linalg.norm(apart) < 0.1 * MODELS["bear"].diameter
 
 
-def test_removing_an_object_leaves_an_index_of_the_others(joint, frame, tmp_path, monkeypatch):
+def test_removing_an_object_leaves_an_index_of_the_others(joint, image, tmp_path, monkeypatch):
     folder = shutil.copytree(joint, tmp_path / "learnt")
     (before,) = searches(folder)
     detector = Detector.load(folder)
@@ -59,15 +58,15 @@ def test_removing_an_object_leaves_an_index_of_the_others(joint, frame, tmp_path
     assert after != before
     no_training(monkeypatch)
     for item in (detector, Detector.load(folder)):
-        found = item.detect(frame.rgb, frame.depth, frame.camera_matrix, max_instances=1)
+        found = item.detect(*image, max_instances=1)
         assert [one.object for one in found] == ["bear"]
 
 
 @pytest.mark.slow
-def test_adding_an_object_makes_an_index_of_all(joint, frame, tmp_path, monkeypatch):
+def test_adding_an_object_makes_an_index_of_all(joint, image, tmp_path, monkeypatch):
     folder = shutil.copytree(joint, tmp_path / "learnt")
     before = searches(folder)
     Detector.load(folder).add(write_meshes(tmp_path, "duck"))
     assert len(searches(folder)) == 1 and searches(folder) != before
     no_training(monkeypatch)
-    Detector.load(folder).detect(frame.rgb, frame.depth, frame.camera_matrix)
+    Detector.load(folder).detect(*image)

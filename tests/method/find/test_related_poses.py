@@ -46,35 +46,29 @@ def test_two_parts_side_by_side_are_seen_within_what_was_taken_for_one():
     assert poses_within(other, seen, PAIR_WHOLE) == []
 
 
-def test_three_parts_are_seen_within_one_that_covers_most_of_them():
-    """Their size is an eighth larger, so their edges are not where they would be."""
+@pytest.mark.parametrize(
+    ("places", "whole_at", "off"),
+    [((-0.036, 0.036, 0.0), 0.004, 0.012), ((-0.018, 0.018), 0.0115, 0.02)],
+)
+def test_parts_are_seen_within_one_that_they_do_not_fill(places, whole_at, off):
+    """Three, of which it covers most: their size is an eighth larger, their edges are elsewhere.
+
+    Or two, which it covers with what is beside them: they may be smaller by up to three tenths.
+    """
     verifier = box((0.036, 0.1, 0.095))
+    row = rigid(np.eye(3), np.array([[x, 0.0, 0.8] for x in places]))
     # The last one is drawn over the sides of the others.
-    row = rigid(np.eye(3), np.array([[-0.036, 0.0, 0.8], [0.036, 0.0, 0.8], [0.0, 0.0, 0.8]]))
-    seen = frame(verifier, WHITE, WHITE, (150, 150, 150), poses=row).observation
+    colors = [WHITE] * (len(row) - 1)
+    seen = frame(verifier, *colors, (150, 150, 150), poses=row).observation
     whole = PAIR_WHOLE.copy()
-    whole[:3, 3] = 0.004, 0.0, 0.8 - (0.095 - 0.036) / 2
+    whole[:3, 3] = whole_at, 0.0, 0.8 - (0.095 - 0.036) / 2
     parts = poses_within(verifier, seen, whole)
-    assert len(parts) == 3
+    assert len(parts) == len(row)
     for true in row:
         apart = [np.linalg.norm(found[:, :3, 3] - true[:3, 3], axis=1).max() for found in parts]
-        assert min(apart) < 0.012
-    plain = frame(verifier, WHITE, WHITE, WHITE, poses=row).observation
+        assert min(apart) < off
+    plain = frame(verifier, *colors, WHITE, poses=row).observation
     assert poses_within(verifier, plain, whole) == []
-
-
-def test_two_parts_may_be_smaller_than_what_they_were_taken_for():
-    """By up to three tenths: it then covers what is beside them, too."""
-    verifier = box((0.036, 0.1, 0.095))
-    row = rigid(np.eye(3), np.array([[-0.018, 0.0, 0.8], [0.018, 0.0, 0.8]]))
-    seen = frame(verifier, WHITE, (150, 150, 150), poses=row).observation
-    whole = PAIR_WHOLE.copy()
-    whole[:3, 3] = 0.0115, 0.0, 0.8 - (0.095 - 0.036) / 2
-    parts = poses_within(verifier, seen, whole)
-    assert len(parts) == 2
-    for true in row:
-        apart = [np.linalg.norm(found[:, :3, 3] - true[:3, 3], axis=1).max() for found in parts]
-        assert min(apart) < 0.02
 
 
 def test_where_the_model_has_a_groove_an_edge_is_its_own():

@@ -7,21 +7,19 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.geometry import rigid, transform
+from hlp.geometry import transform
 from hlp.method.learn.calibration_bins import bin_walls, copies, lying, with_random_color
-from hlp.records import ObjectModel
-from refinement_scene import as_mesh
+from refinement_scene import as_mesh, model_of, posed
 
 
 def plate():
-    mesh = as_mesh(trimesh.creation.box((0.12, 0.08, 0.01)))
-    return ObjectModel(1, "plate", mesh, mesh, 0.145, np.eye(4)[None], 0.1, 0.04)
+    return model_of(trimesh.creation.box((0.12, 0.08, 0.01)))
 
 
 def random_case(model, rng):
     """A random pose, that in which the object then lies on a plane, and the plane."""
     rotation = Rotation.random(random_state=rng).as_matrix()
-    before = rigid(rotation, np.array([0.1, -0.05, 0.7]) - rotation @ model.centroid)
+    before = posed(model, rotation, np.array([0.1, -0.05, 0.7]))
     return before, *lying(model, before, rng)
 
 

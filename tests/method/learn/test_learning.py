@@ -16,8 +16,7 @@ from tiny_method import tiny_method, train_nothing, write_meshes
 
 
 @pytest.mark.slow
-def test_objects_are_added_and_removed(learnt, frame, tmp_path):
-    folder = shutil.copytree(learnt, tmp_path / "learnt")
+def test_objects_are_added_and_removed(folder, image, tmp_path):
     detector = Detector.load(folder)
     before = read_model(folder / "objects" / "bear")
     detector.add(write_meshes(tmp_path, "duck"))
@@ -31,7 +30,7 @@ def test_objects_are_added_and_removed(learnt, frame, tmp_path):
     detector.remove("can")
     assert detector.objects == ("bear", "duck") == Detector.load(folder).objects
     assert not (folder / "objects" / "can").exists()
-    found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+    found = detector.detect(*image)
     assert {each.object for each in found} <= {"bear", "duck"}
     # A class that nobody asks for any more keeps its place, and a new object gets a new one.
     assert json.loads((folder / RECORD).read_text())["classes"] == [1, 2, 3]
@@ -85,10 +84,11 @@ def test_an_encoder_without_the_frames_it_needs_fails_before_anything_is_trained
     assert not (tmp_path / "learnt.partial").exists()
 
 
-def test_objects_are_added_by_way_of_any_path_beside_any_folder(learnt, tmp_path, monkeypatch):
+def test_objects_are_added_by_way_of_any_path_beside_any_folder(
+    learnt, folder, tmp_path, monkeypatch
+):
     """A link stays one, `.` has no name, and a copy that the user made is not touched."""
     train_nothing(monkeypatch, learnt)
-    folder = shutil.copytree(learnt, tmp_path / "learnt")
     kept = shutil.copytree(learnt, tmp_path / "learnt.old")
     (tmp_path / "link").symlink_to(folder)
     Detector.load(tmp_path / "link").add(write_meshes(tmp_path, "duck"))
