@@ -4,6 +4,7 @@ As in LINEMOD (Hinterstoisser et al., PAMI 2012), but without a scale: features 
 the depth image says how large the object appears at each place.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -31,6 +32,7 @@ _NORMALS = 0.25  # weight of normals beside the silhouette
 _MARGIN = 2.0  # of the views' spacing, about
 _KEPT_SIDE = np.array([0.36, 0.48, 0.8])  # in no plane that symmetries often have
 _SURFACE = 16  # points of the surface whose depths are compared
+_ANCHORS = 4  # of a view: any of them may be hidden (D)
 _INNER = np.ones((7, 7), np.uint8)  # px around an anchor that must be on the object
 
 
@@ -68,16 +70,18 @@ class TemplateSettings(Settings):
 class Templates(NamedTuple):
     """Views of one object by their edges.
 
-    A template is laid on the image by its anchor, a point of the surface near the middle of the
-    view. `rotations_cam_obj` are those of the views, in which the object lies on the optical axis;
-    `anchors_cam` (m) is the anchor minus the object's centroid there. `offsets` (m at the
-    centroid's distance) are the features' places in the image minus the anchor's, `directions`
-    those of the gradients in eighths of half a turn. `surface` are further points that the view
-    shows: such offsets, and depths minus the anchor's (m).
+    A template is laid on the image by its anchor, a point of the surface that the view shows; each
+    view has several, because one may be hidden. `rotations_cam_obj` are those of the views, in
+    which the object lies on the optical axis; `anchors_cam` (m) is the anchor minus the object's
+    centroid there, `normals_cam` the unit normal at the anchor, pointing away from the camera.
+    `offsets` (m at the centroid's distance) are the features' places in the image minus the
+    anchor's, `directions` those of the gradients in eighths of half a turn. `surface` are further
+    points that the view shows: such offsets, and depths minus the anchor's (m).
     """
 
     rotations_cam_obj: Float[np.ndarray, "t 3 3"]
     anchors_cam: Float[np.ndarray, "t 3"]
+    normals_cam: Float32[np.ndarray, "t 3"]
     offsets: Float32[np.ndarray, "t f 2"]
     directions: UInt8[np.ndarray, "t f"]
     surface: Float32[np.ndarray, "t s 3"]
@@ -95,6 +99,7 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
     nothing = Templates(
         np.zeros((0, 3, 3)),
         np.zeros((0, 3)),
+        np.zeros((0, 3), dtype=np.float32),
         np.zeros((0, settings.features, 2), dtype=np.float32),
         np.zeros((0, settings.features), dtype=np.uint8),
         np.zeros((0, _SURFACE, 3), dtype=np.float32),
@@ -103,7 +108,7 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
     found = [
         made
         for view, depth in zip(views, depths, strict=True)
-        if (made := _turned_view(view, depth, camera, distance, angles, settings.features))
+        for made in _turned_view(view, depth, camera, distance, angles, settings.features)
     ]
     return Templates(*(np.concatenate(parts) for parts in zip(nothing, *found, strict=True)))
 
@@ -127,40 +132,46 @@ def _turned_view(
     distance: float,
     angles: Values,
     features: int,
-) -> Templates | None:
-    """The templates of one view, one for each angle in its plane; None if it shows too little."""
-    direction = _view_edges(depth, camera)
+) -> Iterator[Templates]:
+    """The templates of one view by each anchor, one for each angle in the view's plane.
+
+    There are none if it shows too little.
+    """
+    direction, normals = _view_edges(depth, camera)
     points = _features(direction != NO_EDGE, depth > 0.0, features)
     if len(points) < features:
-        return None
-    anchor = _anchor(depth)
-    at_anchor = float(depth[anchor[1], anchor[0]])
-    from_centroid = np.array([*(anchor - camera[0, 2]) / _FOCAL, 1.0]) * at_anchor
-    from_centroid -= [0.0, 0.0, distance]
-    offsets = (points - anchor) * (distance / _FOCAL)
+        return
     shown = _spread(np.argwhere(_inside(depth > 0.0))[:, ::-1], _SURFACE)
-    surface = np.zeros((_SURFACE, 3))
-    surface[: len(shown), :2] = (shown - anchor) * (distance / _FOCAL)
-    surface[: len(shown), 2] = depth[shown[:, 1], shown[:, 0]] - at_anchor
     turns, of_points = turns_in_plane(angles), direction[points[:, 1], points[:, 0]]
     turned = (of_points * (np.pi / STEPS) + angles[:, None]) * (DIRECTIONS / np.pi)
-    return Templates(
-        turns @ view,
-        turns @ from_centroid,
-        np.einsum("tij,fj->tfi", turns[:, :2, :2], offsets).astype(np.float32),
-        (np.floor(turned + 0.5).astype(int) % DIRECTIONS).astype(np.uint8),
-        np.einsum("tij,sj->tsi", turns, surface).astype(np.float32),
-    )
+    for anchor in _anchors(depth):
+        at_anchor = float(depth[anchor[1], anchor[0]])
+        from_centroid = np.array([*(anchor - camera[0, 2]) / _FOCAL, 1.0]) * at_anchor
+        from_centroid -= [0.0, 0.0, distance]
+        offsets = (points - anchor) * (distance / _FOCAL)
+        surface = np.zeros((_SURFACE, 3))
+        surface[: len(shown), :2] = (shown - anchor) * (distance / _FOCAL)
+        surface[: len(shown), 2] = depth[shown[:, 1], shown[:, 0]] - at_anchor
+        yield Templates(
+            turns @ view,
+            turns @ from_centroid,
+            (turns @ normals[anchor[1], anchor[0]]).astype(np.float32),
+            np.einsum("tij,fj->tfi", turns[:, :2, :2], offsets).astype(np.float32),
+            (np.floor(turned + 0.5).astype(int) % DIRECTIONS).astype(np.uint8),
+            np.einsum("tij,sj->tsi", turns, surface).astype(np.float32),
+        )
 
 
-def _view_edges(depth: Image, camera: CameraMatrix) -> Int8[np.ndarray, "h w"]:
-    """Edges of the silhouette, and where the surface turns or has a step."""
+def _view_edges(
+    depth: Image, camera: CameraMatrix
+) -> tuple[Int8[np.ndarray, "h w"], Float[np.ndarray, "h w 3"]]:
+    """Edges of the silhouette, and where the surface turns or has a step; and its normals."""
     drawn = depth > 0.0
     inner = cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
     normals = np.zeros((*depth.shape, 3))
     _, normals[inner] = surface_and_normals(depth, inner, int(np.count_nonzero(inner)), camera)
     image = np.concatenate([_NORMALS * normals, drawn[..., None]], axis=-1)
-    return edges(np.ascontiguousarray(image, dtype=np.float32), _LEAST)
+    return edges(np.ascontiguousarray(image, dtype=np.float32), _LEAST), normals
 
 
 def _features(among: Mask, drawn: Mask, count: int) -> np.ndarray:
@@ -190,10 +201,12 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(points[chosen])
 
 
-def _anchor(depth: Image) -> np.ndarray:
-    """The pixel (x, y) nearest the middle around which all is object, or that is object."""
+def _anchors(depth: Image) -> np.ndarray:
+    """The pixel (x, y) nearest the middle around which all is object, and others far from it."""
     drawn = (depth > 0.0).view(np.uint8)
     inner = cv2.erode(drawn, _INNER)
     places = np.argwhere(inner if inner.any() else drawn)[:, ::-1]
     middle = (np.array(depth.shape[::-1]) - 1) / 2.0
-    return np.asarray(places[np.argmin(np.square(places - middle).sum(axis=1))])
+    first = np.square(places - middle).sum(axis=1).argmin()
+    places[[0, first]] = places[[first, 0]]
+    return _spread(places, _ANCHORS)

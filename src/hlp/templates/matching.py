@@ -1,5 +1,7 @@
 """Coarse poses where an image has the edges of a template: at every place, at the depth there."""
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Int8, Int32, UInt8
@@ -14,7 +16,11 @@ from hlp.threads import ThreadTeam
 
 _SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
 _FIRST = 16  # features after which a place that has too few of them is left
-_DEPTH_LIMIT, _MOST_WRONG = 0.12, 4  # of the diameter; points of the surface that may be off
+_DEPTH_LIMIT = 0.12  # of the diameter: a point of the surface that is farther off is missing
+_MOST_MISSING, _MOST_UNSEEN = 4, 9  # such points; those, and points behind something (D)
+_LEAST_COSINE = 0.7  # of the angle between the normals at an anchor and at a place (D)
+_NORMAL_REACH = 5  # px: neighbours from which a normal is computed
+_STEP = 0.1  # of the diameter: where the depth jumps that far, there is no normal
 _PER_PLACE = 6  # templates that are kept at each place
 _PLACE = 0.4  # of the diameter: poses as close as this are at the same place
 _MEDIAN = 5  # px, of the depth at a place
@@ -67,27 +73,26 @@ def match_templates(
 
     Of nearly equal poses only the best is kept; its support is the share of features found.
     """
-    smooth = cv2.medianBlur(np.ascontiguousarray(depth, dtype=np.float32), _MEDIAN)
-    places, depths = _grid_places(smooth, mask, settings.step)
-    shares = np.zeros((len(places), _PER_PLACE), dtype=np.float32)
+    known = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32)
+    smooth = cv2.medianBlur(known, _MEDIAN)
+    places = _grid_places(smooth, mask, settings.step, camera_matrix, _STEP * model.diameter)
+    shares = np.zeros((len(places.pixels), _PER_PLACE), dtype=np.float32)
     rows = np.full(shares.shape, -1, dtype=np.int32)
     focal, ahead = np.float32(camera_matrix[0, 0]), templates.anchors_cam[:, 2].astype(np.float32)
     limits = np.float32(_DEPTH_LIMIT * model.diameter), np.float32(settings.least_match)
 
     def scan(a: int, b: int) -> None:
-        found = shares[a:b], rows[a:b]
-        _scan(answers, smooth, places[a:b], depths[a:b], focal, templates, ahead, limits, *found)
+        seen = places.pixels[a:b], places.depths[a:b], places.normals[a:b]
+        _scan(answers, smooth, *seen, focal, templates, ahead, limits, shares[a:b], rows[a:b])
 
-    team.map_ranges(scan, len(places))
+    team.map_ranges(scan, len(shares))
     place, column = np.nonzero(shares >= settings.least_match)
     order = np.argsort(-shares[place, column], kind="stable")
     place, column = place[order], column[order]
     found, row = shares[place, column], rows[place, column]
-    rays = np.column_stack([places[place], np.ones(len(place))]) @ np.linalg.inv(camera_matrix).T
-    surface = rays * depths[place][:, None]
-    turn = allocentric_to_egocentric(surface)
-    rotations = turn @ templates.rotations_cam_obj[row]
-    centers = surface - np.einsum("nij,nj->ni", turn, templates.anchors_cam[row])
+    turns = places.turns[place]
+    rotations = turns @ templates.rotations_cam_obj[row]
+    centers = places.points[place] - np.einsum("nij,nj->ni", turns, templates.anchors_cam[row])
     best = np.full(settings.compared, -1)
     shift, trace = _SAME_SHIFT * model.diameter, 1.0 + 2.0 * np.cos(_SAME_TURN)
     best = best[: _choose_different(centers, rotations, shift, trace, best)]
@@ -95,14 +100,48 @@ def match_templates(
     return Hypotheses(poses, found[best].astype(np.float64))
 
 
+class _Places(NamedTuple):
+    """Where templates are laid: pixels (x, y), their depths (m) and the points (m) they show.
+
+    `turns` take a view from the optical axis to the ray of a place; `normals` are the surface's
+    unit normals, turned back to the axis, away from the camera, or 0 where the depth has a step.
+    """
+
+    pixels: Float32[np.ndarray, "p 2"]
+    depths: Float32[np.ndarray, "p"]
+    points: Points
+    turns: Float[np.ndarray, "p 3 3"]
+    normals: Float32[np.ndarray, "p 3"]
+
+
 def _grid_places(
-    depth: Image, mask: Mask | None, step: int
-) -> tuple[Float32[np.ndarray, "p 2"], Float32[np.ndarray, "p"]]:
-    """Pixels (x, y) every `step` px that have depth and lie in the mask, and their depths."""
-    there = np.isfinite(depth) & (depth > _NEAREST)
-    there = there if mask is None else there & mask
+    depth: Image, mask: Mask | None, step: int, camera_matrix: CameraMatrix, jump: float
+) -> _Places:
+    """Every `step` px where there is depth (in the mask); a `jump` (m) of the depth is a step."""
+    there = depth > _NEAREST if mask is None else (depth > _NEAREST) & mask
     y, x = step * np.argwhere(there[step // 2 :: step, step // 2 :: step]).T + step // 2
-    return np.stack([x, y], axis=1).astype(np.float32), depth[y, x]
+    points, apart = _points_at(depth, x, y, camera_matrix), (_NORMAL_REACH, -_NORMAL_REACH)
+    right, left = (_points_at(depth, x + by, y, camera_matrix) for by in apart)
+    below, above = (_points_at(depth, x, y + by, camera_matrix) for by in apart)
+    normals = np.cross(right - left, below - above)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    bent = np.abs([right + left - 2.0 * points, below + above - 2.0 * points])[..., 2].max(axis=0)
+    normals[bent >= jump] = 0.0
+    turns = allocentric_to_egocentric(points)
+    return _Places(
+        np.stack([x, y], axis=1).astype(np.float32),
+        depth[y, x],
+        points,
+        turns,
+        np.einsum("pji,pj->pi", turns, normals).astype(np.float32),
+    )
+
+
+def _points_at(depth: Image, x: Rows, y: Rows, camera_matrix: CameraMatrix) -> Points:
+    """Points (m) that pixels show, or the nearest ones in the image."""
+    x, y = np.clip(x, 0, depth.shape[1] - 1), np.clip(y, 0, depth.shape[0] - 1)
+    rays = np.column_stack([x, y, np.ones(len(x))]) @ np.linalg.inv(camera_matrix).T
+    return np.asarray(rays * depth[y, x][:, None])
 
 
 def at_different_places(poses_cam_obj: Poses, model: ObjectModel, most: int) -> Rows:
@@ -128,6 +167,7 @@ def _scan(
     depth: Float32[np.ndarray, "h w"],
     places: Float32[np.ndarray, "p 2"],
     depths: Float32[np.ndarray, "p"],
+    normals: Float32[np.ndarray, "p 3"],
     focal: np.float32,
     templates: Templates,
     ahead: Float32[np.ndarray, "t"],
@@ -138,20 +178,17 @@ def _scan(
     """The best templates at each place, and the shares of their features that the image has."""
     height, width = answers.shape[1:]
     offsets, directions, surface = templates.offsets, templates.directions, templates.surface
-    limit, fewest = limits[0], limits[1] * np.float32(_SAME * _FIRST)
+    facing, limit, fewest = templates.normals_cam, limits[0], limits[1] * np.float32(_SAME * _FIRST)
     count, half = offsets.shape[1], np.float32(0.5)
     for p in range(len(places)):
         x_0, y_0 = places[p, 0] + half, places[p, 1] + half
+        n_x, n_y, n_z = normals[p, 0], normals[p, 1], normals[p, 2]
+        least = np.float32(_LEAST_COSINE if n_z > 0.0 else -1.0)
         for t in range(len(offsets)):
+            if n_x * facing[t, 0] + n_y * facing[t, 1] + n_z * facing[t, 2] < least:
+                continue
             scale = focal / (depths[p] - ahead[t])
-            wrong = 0
-            for k in range(surface.shape[1]):
-                x, y = int(x_0 + scale * surface[t, k, 0]), int(y_0 + scale * surface[t, k, 1])
-                inside = 0 <= x < width and 0 <= y < height
-                wrong += not (inside and abs(depth[y, x] - depths[p] - surface[t, k, 2]) <= limit)
-                if wrong > _MOST_WRONG:
-                    break
-            if wrong > _MOST_WRONG:
+            if not _is_seen(depth, depths[p], x_0, y_0, scale, surface[t], limit):
                 continue
             found = 0
             for k in range(count):
@@ -162,6 +199,30 @@ def _scan(
                     break
             share = np.float32(found) / np.float32(_SAME * count)
             _keep(share, t, shares[p], rows[p])
+
+
+@compiled(inline="always")
+def _is_seen(
+    depth: Float32[np.ndarray, "h w"],
+    here: np.float32,
+    x_0: np.float32,
+    y_0: np.float32,
+    scale: np.float32,
+    surface: Float32[np.ndarray, "s 3"],
+    limit: np.float32,
+) -> bool:
+    """Whether enough of a template's surface is there, the depth at its anchor being `here`."""
+    height, width = depth.shape
+    missing, unseen = 0, 0
+    for k in range(len(surface)):
+        x, y = int(x_0 + scale * surface[k, 0]), int(y_0 + scale * surface[k, 1])
+        inside = 0 <= x < width and 0 <= y < height
+        behind = depth[y, x] - here - surface[k, 2] if inside else np.float32(1e9)
+        missing += int(behind > limit)
+        unseen += int(abs(behind) > limit)
+        if missing > _MOST_MISSING or unseen > _MOST_UNSEEN:
+            return False
+    return True
 
 
 @compiled(inline="always")

@@ -84,7 +84,7 @@ class Attempts:
         self._found.append(found)
         self._kept = None
         scores = [self._score(pose) for pose in found.chosen_poses]
-        many = self._help_each_other and (self._min_score is None or max(scores) >= self._right)
+        many = self._colorless and (self._min_score is None or max(scores) >= self._right)
         for row in range(len(found.refined)) if many else found.instances:
             pose, chosen = found.refined[row].pose_cam_obj, row in found.instances
             if found.refined[row].given_up and not chosen:
