@@ -73,9 +73,41 @@ def test_a_flat_part_without_colour_is_found(plate, templates):
     assert len(none.support) == 0
 
 
+def test_a_part_is_found_behind_what_hides_its_middle(plate, templates):
+    """Another anchor of its templates is seen, and enough of the surface and the edges."""
+    rgb, depth, pose = scene(plate, 2.0)
+    middle = transform(pose, plate.centroid[None])[0]
+    u, v = (CAMERA @ middle)[:2] / middle[2]
+    x, y = np.meshgrid(np.arange(SHAPE[1]), np.arange(SHAPE[0]))
+    along = pose[:2, 0] / np.linalg.norm(pose[:2, 0])
+    hides = np.abs(along[0] * (x - u) + along[1] * (y - v)) < 14.0
+    depth[hides], rgb[hides] = 0.5, (120, 40, 40)
+    answers = spread_edges(color_edges(rgb), SETTINGS.reach)
+    seen = answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1)
+    found = match_templates(templates, *seen).poses_cam_obj
+    points = plate.mesh.vertices
+    apart = np.linalg.norm(transform(found, points) - transform(pose, points), axis=2)
+    assert apart.mean(axis=1).min() < 0.15 * plate.diameter
+
+
+def test_a_template_lies_only_where_the_surface_is_turned_as_its_own(plate, templates):
+    """Laid on a tilted plane with edges everywhere, a face within 46° of the plane is seen."""
+    x, y = np.meshgrid(np.arange(SHAPE[1]), np.arange(SHAPE[0]))
+    right, down = np.abs(x - CAMERA[0, 2]), np.abs(y - CAMERA[1, 2])
+    tilt = np.deg2rad(50.0)
+    depth = 0.6 / (1.0 - np.tan(tilt) * (x - CAMERA[0, 2]) / CAMERA[0, 0])
+    depth = np.where((depth > 0.2) & (depth < 1.5), depth, 0.0).astype(np.float32)
+    answers = np.full((DIRECTIONS, *SHAPE), 4, dtype=np.uint8)
+    seen = answers, depth, CAMERA, plate, SETTINGS, (right < 60) & (down < 60), ThreadTeam(1)
+    found = match_templates(templates, *seen).poses_cam_obj
+    towards = -np.array([-np.sin(tilt), 0.0, np.cos(tilt)])
+    normals = plate.mesh.normals @ np.swapaxes(found[:, :3, :3], 1, 2)
+    assert len(found) > 20 and (normals @ towards).max(axis=1).min() > np.cos(np.deg2rad(46.0))
+
+
 def test_a_template_is_what_its_view_shows(plate, templates):
     """Laid on a picture of its own view, all its features are found, with all depths."""
-    for row in range(5, len(templates.offsets), 177):
+    for row in range(5, len(templates.offsets), 531):
         rotation, center = templates.rotations_cam_obj[row], np.array([0.0, 0.0, 0.5])
         pose = posed(plate, rotation, center)
         _, depth, _ = render_scene([(plate.mesh, pose)], CAMERA, SHAPE, FRONTAL_LIGHT)

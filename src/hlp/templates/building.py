@@ -32,7 +32,7 @@ _NORMALS = 0.25  # weight of normals beside the silhouette
 _MARGIN = 2.0  # of the views' spacing, about
 _KEPT_SIDE = np.array([0.36, 0.48, 0.8])  # in no plane that symmetries often have
 _SURFACE = 16  # points of the surface whose depths are compared
-_ANCHORS = 4  # of a view: any of them may be hidden (D)
+_ANCHORS = 3  # of a view: any of them may be hidden (D)
 _INNER = np.ones((7, 7), np.uint8)  # px around an anchor that must be on the object
 
 

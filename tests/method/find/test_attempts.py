@@ -129,6 +129,14 @@ def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(
     assert found_places(tried) == found
 
 
+@pytest.mark.parametrize(("templates", "found"), [(True, [2]), (False, [0])])
+def test_of_a_single_part_the_likeliest_pose_is_the_answer(verifier, templates, found):
+    """Whichever of them the search chose, by cost; of a coloured object, the one it chose."""
+    context = frame(verifier, WHITE, WHITE, WHITE)
+    estimator = Scores(verifier, [0.001, 0.0, 0.8, 0.0], templates)
+    assert found_places(attempts(estimator, context, 1, refined(POSES[0], POSES[2]))) == found
+
+
 def test_one_beside_a_sure_one_is_likelier_than_the_same_elsewhere(verifier):
     context = frame(verifier, WHITE, WHITE, WHITE)
     appearances = []
