@@ -166,8 +166,7 @@ def test_workers_render_missing_views_and_the_same(tiny_run, work, executor):
     assert sorted(events) == sorted(("views", name, False) for name in names)
     for object_id, views in expected.items():
         found = training.load_views(object_id)
-        for field in dataclasses.fields(views):
-            np.testing.assert_array_equal(getattr(found, field.name), getattr(views, field.name))
+        np.testing.assert_equal(dataclasses.asdict(found), dataclasses.asdict(views))
 
 
 def test_an_error_in_a_worker_is_the_runs(tiny_run, work, monkeypatch):

@@ -73,10 +73,11 @@ class Templates(NamedTuple):
     A template is laid on the image by its anchor, a point of the surface that the view shows; each
     view has several, because one may be hidden. `rotations_cam_obj` are those of the views, in
     which the object lies on the optical axis; `anchors_cam` (m) is the anchor minus the object's
-    centroid there, `normals_cam` the unit normal at the anchor, pointing away from the camera.
-    `offsets` (m at the centroid's distance) are the features' places in the image minus the
-    anchor's, `directions` those of the gradients in eighths of half a turn. `surface` are further
-    points that the view shows: such offsets, and depths minus the anchor's (m).
+    centroid there, `normals_cam` the unit normal at the anchor, away from the camera, or 0 where
+    the object is thin. `offsets` (m at the centroid's distance) are the features' places in the
+    image minus the anchor's, `directions` those of the gradients in eighths of half a turn.
+    `surface` are further points that the view shows: such offsets, and depths minus the anchor's
+    (m).
     """
 
     rotations_cam_obj: Float[np.ndarray, "t 3 3"]

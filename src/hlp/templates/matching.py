@@ -179,13 +179,13 @@ def _scan(
     height, width = answers.shape[1:]
     offsets, directions, surface = templates.offsets, templates.directions, templates.surface
     facing, limit, fewest = templates.normals_cam, limits[0], limits[1] * np.float32(_SAME * _FIRST)
-    count, half = offsets.shape[1], np.float32(0.5)
+    count, half, least = offsets.shape[1], np.float32(0.5), np.float32(_LEAST_COSINE)
     for p in range(len(places)):
         x_0, y_0 = places[p, 0] + half, places[p, 1] + half
         n_x, n_y, n_z = normals[p, 0], normals[p, 1], normals[p, 2]
-        least = np.float32(_LEAST_COSINE if n_z > 0.0 else -1.0)
         for t in range(len(offsets)):
-            if n_x * facing[t, 0] + n_y * facing[t, 1] + n_z * facing[t, 2] < least:
+            cosine = n_x * facing[t, 0] + n_y * facing[t, 1] + n_z * facing[t, 2]
+            if cosine < least and cosine != 0.0:  # 0: either has no normal
                 continue
             scale = focal / (depths[p] - ahead[t])
             if not _is_seen(depth, depths[p], x_0, y_0, scale, surface[t], limit):
