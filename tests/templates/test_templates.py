@@ -123,9 +123,9 @@ def test_a_template_is_what_its_view_shows(plate, templates):
         eighths = directions[y[nearest], x[nearest]] / 2.0
         away = np.abs(templates.directions[row][on_outline] - eighths)
         assert np.median(np.minimum(away, DIRECTIONS - away)) <= 0.5
-        shown = np.rint(pixel + templates.surface[row][:, :2] * 600.0 / 0.5).astype(int)
+        shown = np.rint(pixel + templates.surface[row][:2].T * 600.0 / 0.5).astype(int)
         deep = depth[shown[:, 1], shown[:, 0]] - anchor[2]
-        assert np.median(np.abs(deep - templates.surface[row][:, 2])) < 0.002
+        assert np.median(np.abs(deep - templates.surface[row][2])) < 0.002
 
 
 def test_answers_are_those_of_plain_numpy():

@@ -25,13 +25,14 @@ from hlp.settings import Doc, NotNegative, Settings
 
 DIRECTIONS = 8
 """Directions of features, of half a turn."""
+SURFACE = 16
+"""Points of the surface whose depths are compared."""
 _FOCAL, _OBJECT, _BORDER = 2000.0, 150, 12  # px: of the camera, the diameter, around it
 _OUTLINE_SHARE = 0.6  # of the features; inner edges may have no contrast
 _LEAST = 0.03  # gradient of a rendered view: the silhouette's is 1, that of normals up to 0.5
 _NORMALS = 0.25  # weight of normals beside the silhouette
 _MARGIN = 2.0  # of the views' spacing, about
 _KEPT_SIDE = np.array([0.36, 0.48, 0.8])  # in no plane that symmetries often have
-_SURFACE = 16  # points of the surface whose depths are compared
 _ANCHORS = 3  # of a view: any of them may be hidden (D)
 _INNER = np.ones((7, 7), np.uint8)  # px around an anchor that must be on the object
 
@@ -85,7 +86,7 @@ class Templates(NamedTuple):
     normals_cam: Float32[np.ndarray, "t 3"]
     offsets: Float32[np.ndarray, "t f 2"]
     directions: UInt8[np.ndarray, "t f"]
-    surface: Float32[np.ndarray, "t s 3"]
+    surface: Float32[np.ndarray, "t 3 s"]
 
 
 def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates:
@@ -103,7 +104,7 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
         np.zeros((0, 3), dtype=np.float32),
         np.zeros((0, settings.features, 2), dtype=np.float32),
         np.zeros((0, settings.features), dtype=np.uint8),
-        np.zeros((0, _SURFACE, 3), dtype=np.float32),
+        np.zeros((0, 3, SURFACE), dtype=np.float32),
     )
     depths = render_depth(model.proxy, poses, camera, (side, side))
     found = [
@@ -142,7 +143,7 @@ def _turned_view(
     points = _features(direction != NO_EDGE, depth > 0.0, features)
     if len(points) < features:
         return
-    shown = _spread(np.argwhere(_inside(depth > 0.0))[:, ::-1], _SURFACE)
+    shown = _spread(np.argwhere(_inside(depth > 0.0))[:, ::-1], SURFACE)
     turns, of_points = turns_in_plane(angles), direction[points[:, 1], points[:, 0]]
     turned = (of_points * (np.pi / STEPS) + angles[:, None]) * (DIRECTIONS / np.pi)
     for anchor in _anchors(depth):
@@ -150,16 +151,16 @@ def _turned_view(
         from_centroid = np.array([*(anchor - camera[0, 2]) / _FOCAL, 1.0]) * at_anchor
         from_centroid -= [0.0, 0.0, distance]
         offsets = (points - anchor) * (distance / _FOCAL)
-        surface = np.zeros((_SURFACE, 3))
-        surface[: len(shown), :2] = (shown - anchor) * (distance / _FOCAL)
-        surface[: len(shown), 2] = depth[shown[:, 1], shown[:, 0]] - at_anchor
+        surface = np.zeros((3, SURFACE))
+        surface[:2, : len(shown)] = (shown - anchor).T * (distance / _FOCAL)
+        surface[2, : len(shown)] = depth[shown[:, 1], shown[:, 0]] - at_anchor
         yield Templates(
             turns @ view,
             turns @ from_centroid,
             (turns @ normals[anchor[1], anchor[0]]).astype(np.float32),
             np.einsum("tij,fj->tfi", turns[:, :2, :2], offsets).astype(np.float32),
             (np.floor(turned + 0.5).astype(int) % DIRECTIONS).astype(np.uint8),
-            np.einsum("tij,sj->tsi", turns, surface).astype(np.float32),
+            (turns @ surface).astype(np.float32),
         )
 
 

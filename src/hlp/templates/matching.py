@@ -11,7 +11,7 @@ from hlp.geometry import allocentric_to_egocentric, rigid, transform
 from hlp.image_edges import NO_EDGE, STEPS
 from hlp.kernels import compiled, compiled_ahead
 from hlp.records import Hypotheses, ObjectModel
-from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
+from hlp.templates.building import DIRECTIONS, SURFACE, Templates, TemplateSettings
 from hlp.threads import ThreadTeam
 
 _SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
@@ -24,7 +24,7 @@ _STEP = 0.1  # of the diameter: where the depth jumps that far, there is no norm
 _PER_PLACE = 6  # templates that are kept at each place
 _PLACE = 0.4  # of the diameter: poses as close as this are at the same place
 _MEDIAN = 5  # px, of the depth at a place
-_NEAREST = 0.1  # m
+_NEAREST, _NOTHING = 0.1, 1e9  # m: the nearest depth, and that around the image
 _SAME_SHIFT, _SAME_TURN = 0.08, np.deg2rad(14.0)  # of the diameter: matches of one pose
 
 
@@ -76,16 +76,8 @@ def match_templates(
     known = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32)
     smooth = cv2.medianBlur(known, _MEDIAN)
     places = _grid_places(smooth, mask, settings.step, camera_matrix, _STEP * model.diameter)
-    shares = np.zeros((len(places.pixels), _PER_PLACE), dtype=np.float32)
-    rows = np.full(shares.shape, -1, dtype=np.int32)
-    focal, ahead = np.float32(camera_matrix[0, 0]), templates.anchors_cam[:, 2].astype(np.float32)
-    limits = np.float32(_DEPTH_LIMIT * model.diameter), np.float32(settings.least_match)
-
-    def scan(a: int, b: int) -> None:
-        seen = places.pixels[a:b], places.depths[a:b], places.normals[a:b]
-        _scan(answers, smooth, *seen, focal, templates, ahead, limits, shares[a:b], rows[a:b])
-
-    team.map_ranges(scan, len(shares))
+    limits = _DEPTH_LIMIT * model.diameter, settings.least_match
+    shares, rows = _best_at(places, templates, answers, smooth, camera_matrix[0, 0], limits, team)
     place, column = np.nonzero(shares >= settings.least_match)
     order = np.argsort(-shares[place, column], kind="stable")
     place, column = place[order], column[order]
@@ -137,6 +129,37 @@ def _grid_places(
     )
 
 
+def _best_at(
+    places: _Places,
+    templates: Templates,
+    answers: UInt8[np.ndarray, "8 h w"],
+    depth: Float32[np.ndarray, "h w"],
+    focal: float,
+    limits: tuple[float, float],
+    team: ThreadTeam,
+) -> tuple[Float32[np.ndarray, "p k"], Int32[np.ndarray, "p k"]]:
+    """The best templates at each place: shares of their features that are found, and rows."""
+    shares = np.zeros((len(places.pixels), _PER_PLACE), dtype=np.float32)
+    rows = np.full(shares.shape, -1, dtype=np.int32)
+    ahead = templates.anchors_cam[:, 2].astype(np.float32)
+    far = max(np.abs(templates.offsets).max(initial=1e-6), np.abs(templates.surface).max(initial=0))
+    nearest = max(places.depths.min(initial=np.inf) - ahead.max(initial=0.0), _NEAREST)
+    # Around the image lies a border, so that no point of a template need be looked for outside it.
+    border = min(int(focal * far / nearest), max(depth.shape) // 2) + 1
+    wide = np.pad(depth, border, constant_values=_NOTHING)
+    wide_answers = np.pad(answers, ((0, 0), (border, border), (border, border)))
+    pixels = places.pixels + np.float32(border + 0.5)
+    most, least = (np.float32(limit) for limit in limits)
+    scales = np.float32(focal), np.float32(border / far)
+
+    def scan(a: int, b: int) -> None:
+        seen = wide_answers, wide, pixels[a:b], places.depths[a:b], places.normals[a:b]
+        _scan(*seen, templates, ahead, (*scales, most, least), shares[a:b], rows[a:b])
+
+    team.map_ranges(scan, len(shares))
+    return shares, rows
+
+
 def _points_at(depth: Image, x: Rows, y: Rows, camera_matrix: CameraMatrix) -> Points:
     """Points (m) that pixels show, or the nearest ones in the image."""
     x, y = np.clip(x, 0, depth.shape[1] - 1), np.clip(y, 0, depth.shape[0] - 1)
@@ -165,36 +188,38 @@ def at_different_places(poses_cam_obj: Poses, model: ObjectModel, most: int) -> 
 def _scan(
     answers: UInt8[np.ndarray, "8 h w"],
     depth: Float32[np.ndarray, "h w"],
-    places: Float32[np.ndarray, "p 2"],
+    pixels: Float32[np.ndarray, "p 2"],
     depths: Float32[np.ndarray, "p"],
     normals: Float32[np.ndarray, "p 3"],
-    focal: np.float32,
     templates: Templates,
     ahead: Float32[np.ndarray, "t"],
-    limits: tuple[np.float32, np.float32],
+    limits: tuple[np.float32, np.float32, np.float32, np.float32],
     shares: Float32[np.ndarray, "p k"],
     rows: Int32[np.ndarray, "p k"],
 ) -> None:
-    """The best templates at each place, and the shares of their features that the image has."""
-    height, width = answers.shape[1:]
+    """The best templates at each place, and the shares of their features that the image has.
+
+    The `limits` are the focal length, the largest scale (px / m), and those of depth and share.
+    """
     offsets, directions, surface = templates.offsets, templates.directions, templates.surface
-    facing, limit, fewest = templates.normals_cam, limits[0], limits[1] * np.float32(_SAME * _FIRST)
-    count, half, least = offsets.shape[1], np.float32(0.5), np.float32(_LEAST_COSINE)
-    for p in range(len(places)):
-        x_0, y_0 = places[p, 0] + half, places[p, 1] + half
+    facing, fewest = templates.normals_cam, limits[3] * np.float32(_SAME * _FIRST)
+    count, least = offsets.shape[1], np.float32(_LEAST_COSINE)
+    for p in range(len(pixels)):
+        x_0, y_0 = pixels[p, 0], pixels[p, 1]
         n_x, n_y, n_z = normals[p, 0], normals[p, 1], normals[p, 2]
         for t in range(len(offsets)):
             cosine = n_x * facing[t, 0] + n_y * facing[t, 1] + n_z * facing[t, 2]
             if cosine < least and cosine != 0.0:  # 0: either has no normal
                 continue
-            scale = focal / (depths[p] - ahead[t])
-            if not _is_seen(depth, depths[p], x_0, y_0, scale, surface[t], limit):
+            scale = limits[0] / (depths[p] - ahead[t])
+            if not 0.0 < scale <= limits[1]:
+                continue
+            if not _is_seen(depth, depths[p], x_0, y_0, scale, surface[t], limits[2]):
                 continue
             found = 0
             for k in range(count):
                 x, y = int(x_0 + scale * offsets[t, k, 0]), int(y_0 + scale * offsets[t, k, 1])
-                if 0 <= x < width and 0 <= y < height:
-                    found += answers[directions[t, k], y, x]
+                found += answers[directions[t, k], y, x]
                 if k == _FIRST - 1 and found < fewest:
                     break
             share = np.float32(found) / np.float32(_SAME * count)
@@ -208,21 +233,21 @@ def _is_seen(
     x_0: np.float32,
     y_0: np.float32,
     scale: np.float32,
-    surface: Float32[np.ndarray, "s 3"],
+    surface: Float32[np.ndarray, "3 s"],
     limit: np.float32,
 ) -> bool:
-    """Whether enough of a template's surface is there, the depth at its anchor being `here`."""
-    height, width = depth.shape
-    missing, unseen = 0, 0
-    for k in range(len(surface)):
-        x, y = int(x_0 + scale * surface[k, 0]), int(y_0 + scale * surface[k, 1])
-        inside = 0 <= x < width and 0 <= y < height
-        behind = depth[y, x] - here - surface[k, 2] if inside else np.float32(1e9)
-        missing += int(behind > limit)
-        unseen += int(abs(behind) > limit)
-        if missing > _MOST_MISSING or unseen > _MOST_UNSEEN:
-            return False
-    return True
+    """Whether enough of a template's surface is there, the depth at its anchor being `here`.
+
+    Without branches, several points are looked at by one instruction.
+    """
+    pixels, width = depth.reshape(-1), np.int32(depth.shape[1])
+    missing, unseen = np.int32(0), np.int32(0)
+    for k in range(SURFACE):
+        x, y = np.int32(x_0 + scale * surface[0, k]), np.int32(y_0 + scale * surface[1, k])
+        behind = pixels[y * width + x] - here - surface[2, k]
+        missing += np.int32(behind > limit)
+        unseen += np.int32(abs(behind) > limit)
+    return bool(missing <= _MOST_MISSING and unseen <= _MOST_UNSEEN)
 
 
 @compiled(inline="always")
