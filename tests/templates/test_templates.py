@@ -43,13 +43,13 @@ def templates(plate):
     return build_templates(plate, SETTINGS)
 
 
-def scene(plate, turn):
+def scene(plate, turn, at=(0.05, -0.03, 0.6)):
     """RGB, depth and true pose of the plate on a table that is tilted towards the camera."""
     flat = trimesh.transformations.rotation_matrix(np.pi - 0.25, [1, 0, 0])[:3, :3]
     rotation = flat @ trimesh.transformations.rotation_matrix(turn, [0, 0, 1])[:3, :3]
-    pose = posed(plate, rotation, np.array([0.05, -0.03, 0.6]))
+    pose = posed(plate, rotation, np.array(at))
     table = as_mesh(trimesh.creation.box((0.7, 0.7, 0.01)), (70, 100, 150))
-    under = rigid(flat, np.array([0.05, -0.03, 0.6]) - flat @ [0.0, 0.0, 0.011])
+    under = rigid(flat, np.array(at) - flat @ [0.0, 0.0, 0.011])
     painted = replace(plate.mesh, colors=np.full_like(plate.mesh.colors, 200))
     rgb, depth, _ = render_scene([(painted, pose), (table, under)], CAMERA, SHAPE, FRONTAL_LIGHT)
     return rgb, depth, pose
@@ -71,6 +71,21 @@ def test_a_flat_part_without_colour_is_found(plate, templates):
     nowhere = np.zeros(SHAPE, dtype=bool)
     none = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, nowhere, team)
     assert len(none.support) == 0
+
+
+@pytest.mark.parametrize("at", [(-0.29, 0, 0.6), (0.29, 0, 0.6), (0, -0.2, 0.6), (0, 0.2, 0.6)])
+def test_a_part_that_the_image_cuts_off_is_found(plate, templates, at):
+    """At each border: what lies beyond it has no edges, and its surface is missing."""
+    rgb, depth, pose = scene(plate, 2.0, at)
+    points = plate.mesh.vertices
+    x, y = (transform(pose, points) @ CAMERA.T).T[:2] / transform(pose, points)[:, 2]
+    beyond = (x < 0) | (x > SHAPE[1] - 1) | (y < 0) | (y > SHAPE[0] - 1)
+    assert beyond.any() and not beyond.all()
+    answers = spread_edges(color_edges(rgb), SETTINGS.reach)
+    seen = answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1)
+    found = match_templates(templates, *seen).poses_cam_obj
+    apart = np.linalg.norm(transform(found, points) - transform(pose, points), axis=2)
+    assert apart.mean(axis=1).min() < 0.15 * plate.diameter
 
 
 def test_a_part_is_found_behind_what_hides_its_middle(plate, templates):
