@@ -24,7 +24,7 @@ _STEP = 0.1  # of the diameter: where the depth jumps that far, there is no norm
 _PER_PLACE = 6  # templates that are kept at each place
 _PLACE = 0.4  # of the diameter: poses as close as this are at the same place
 _MEDIAN = 5  # px, of the depth at a place
-_NEAREST, _NOTHING = 0.1, 1e9  # m: the nearest depth, and that around the image
+_NEAREST = 0.1  # m: the nearest depth
 _SAME_SHIFT, _SAME_TURN = 0.08, np.deg2rad(14.0)  # of the diameter: matches of one pose
 
 
@@ -146,7 +146,7 @@ def _best_at(
     nearest = max(places.depths.min(initial=np.inf) - ahead.max(initial=0.0), _NEAREST)
     # Around the image lies a border, so that no point of a template need be looked for outside it.
     border = min(int(focal * far / nearest), max(depth.shape) // 2) + 1
-    wide = np.pad(depth, border, constant_values=_NOTHING)
+    wide = np.pad(depth, border)  # what lies there is not seen
     wide_answers = np.pad(answers, ((0, 0), (border, border), (border, border)))
     pixels = places.pixels + np.float32(border + 0.5)
     most, least = (np.float32(limit) for limit in limits)

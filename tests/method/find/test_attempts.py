@@ -137,6 +137,18 @@ def test_of_a_single_part_the_likeliest_pose_is_the_answer(verifier, templates, 
     assert found_places(attempts(estimator, context, 1, refined(POSES[0], POSES[2]))) == found
 
 
+def test_a_single_part_has_no_neighbours(verifier):
+    """Of poses side by side, one at most is right: none speaks for another."""
+    context, scores = frame(verifier, WHITE, WHITE, WHITE), [0.9, 0.8, 0.8, 0.0]
+    told = []
+    for other in (1, 2):  # touches the first, or is as far off again
+        estimator = Scores(verifier, scores)
+        tried = attempts(estimator, context, 1, refined(POSES[0], POSES[other]))
+        assert found_places(tried) == [0]
+        told.append(estimator.appearances[POSES[other].tobytes()])
+    assert told[0] == pytest.approx(told[1], abs=0.1)
+
+
 def test_one_beside_a_sure_one_is_likelier_than_the_same_elsewhere(verifier):
     context = frame(verifier, WHITE, WHITE, WHITE)
     appearances = []

@@ -233,7 +233,7 @@ class Attempts:
         logits = logits_of(np.array([answer.score for answer in self._answers]))
         look = appearance_evidence(appearances, logits, sure, self._colors)
         poses, known = np.stack([a.pose for a in self._answers]), self._min_score is None
-        beside = stand_side_by_side(self._verifier.model, poses)
+        beside = stand_side_by_side(self._verifier.model, poses) & self._help_each_other
         neighbours = arrangement_evidence(beside, logits + look, sure, known)
         told = zip(self._answers, look.tolist(), neighbours.tolist(), strict=True)
         return [
