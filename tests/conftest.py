@@ -7,7 +7,7 @@ os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "200000000")  # as `hlp` doe
 
 import gc
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,7 @@ from jaxtyping import install_import_hook
 # that imports them.
 install_import_hook(["hlp.records", "hlp.geometry"], "beartype.beartype")
 
+from hlp.cli import main
 from hlp.config.composition import provide_defaults
 from hlp.records import Mesh
 from made_once import made_once
@@ -125,6 +126,20 @@ def call(tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch) -> Call:
     """`hlp run` in this process and the tiny run's folder: exit code, standard output and error."""
     monkeypatch.chdir(tiny_run.folder)
     return run_here
+
+
+@pytest.fixture
+def fails(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """A command that must fail: its words -> the one line that it says."""
+
+    def line_of(*words: str) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert ended.value.code == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        return str(line)
+
+    return line_of
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,6 @@ import pytest
 import trimesh
 from hydra.errors import HydraException
 
-from hlp.cli import main
 from hlp.commands import arguments as own
 from hlp.commands.learn import learning_request
 from hlp.data.own_frames import FrameFiles
@@ -71,11 +70,8 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
         (["download", "output=x"], "'output=x': the name of a data set comes first"),
     ],
 )
-def test_a_mistyped_word_is_named_with_what_was_meant(words, said, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    assert ended.value.code == 1
-    assert capsys.readouterr().err.startswith(f"hlp: {said}")
+def test_a_mistyped_word_is_named_with_what_was_meant(words, said, fails):
+    assert fails(*words).startswith(f"hlp: {said}")
 
 
 @pytest.mark.parametrize("text", ["[" * 60_000, "[" * 900 + "x" + "]" * 900])

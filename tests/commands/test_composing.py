@@ -41,12 +41,9 @@ def test_a_run_that_never_began_leaves_no_folder(tmp_path: Path) -> None:
     assert not [*tmp_path.glob("outputs/*/*")]
 
 
-def test_options_that_exclude_each_other_are_named(capsys: Out) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["run", "--info", "config", "seed=1", "--multirun"])
-    assert ended.value.code == 1
-    said = "hlp: --info and --multirun exclude each other: leave one out\n"
-    assert capsys.readouterr().err == said
+def test_options_that_exclude_each_other_are_named(fails) -> None:
+    said = "hlp: --info and --multirun exclude each other: leave one out"
+    assert fails("run", "--info", "config", "seed=1", "--multirun") == said
 
 
 @pytest.mark.parametrize(
@@ -118,16 +115,11 @@ def test_faults_in_a_file_of_ones_own_name_it(text: str, words: str, tmp_path: P
     assert "\n" not in said
 
 
-def test_a_broken_file_ends_the_command_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_broken_file_ends_the_command_in_one_line(tmp_path, monkeypatch, fails) -> None:
     (tmp_path / "refinement").mkdir()
     (tmp_path / "refinement" / "mine.yaml").write_text("particles: [1\n")
     monkeypatch.setattr("sys.argv", ["hlp"])
-    with pytest.raises(SystemExit) as ended:
-        main(["run", "--config-dir", str(tmp_path), "refinement=mine"])
-    assert ended.value.code == 1
-    (line,) = capsys.readouterr().err.splitlines()
+    line = fails("run", "--config-dir", str(tmp_path), "refinement=mine")
     assert line.startswith(f"hlp: {tmp_path}/refinement/mine.yaml, line 2 is not YAML")
 
 

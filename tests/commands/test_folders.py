@@ -26,30 +26,21 @@ def test_notebooks_are_copied_and_named(tmp_path: Path, capsys: Out) -> None:
         (folder / name).write_text("mine")
 
 
-def fails(words: list[str], capsys: Out) -> str:
-    """The one line that the command says when it fails."""
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    assert ended.value.code == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    return line
-
-
-def test_none_is_copied_where_one_is_there(tmp_path: Path, capsys: Out) -> None:
+def test_none_is_copied_where_one_is_there(tmp_path: Path, fails) -> None:
     mine = tmp_path / NAMES[2]
     mine.write_text("mine")
-    assert f"{mine} exists already" in fails(["notebooks", f"output={tmp_path}"], capsys)
+    assert f"{mine} exists already" in fails("notebooks", f"output={tmp_path}")
     assert [path.name for path in tmp_path.iterdir()] == [mine.name]
     assert mine.read_text() == "mine"
 
 
 def test_a_folder_that_cannot_be_made_or_is_not_shipped_is_one_line(
-    tmp_path: Path, capsys: Out, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, fails, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
-    fails(["notebooks", f"output={tmp_path}/file"], capsys)
+    fails("notebooks", f"output={tmp_path}/file")
     monkeypatch.setattr(files, "__file__", str(tmp_path / "lib" / "hlp" / "files.py"))
-    assert "reinstall hlp" in fails(["notebooks", f"output={tmp_path}"], capsys)
+    assert "reinstall hlp" in fails("notebooks", f"output={tmp_path}")
 
 
 USED, UNUSED, BEGUN = "0123456789abcdef", "f" * 16, "a" * 16
@@ -117,7 +108,7 @@ def test_learnt_objects_are_not_listed(work, outputs, name):
     assert found(work, outputs) == before
 
 
-def test_clean_lists_and_removes_only_if_asked_to(work, outputs, monkeypatch, capsys):
+def test_clean_lists_and_removes_only_if_asked_to(work, outputs, monkeypatch, capsys, fails):
     monkeypatch.chdir(work.parent)
     before = found(work, outputs)
     main(["clean"])
@@ -133,8 +124,8 @@ def test_clean_lists_and_removes_only_if_asked_to(work, outputs, monkeypatch, ca
     assert left == {f"views/{USED}", f"codebook/{USED}", "mlflow-artifacts/1"}
     store = StageStore(work)
     assert not store.problem("views", USED) and not store.problem("codebook", USED)
-    assert "kinds=whole: choose from" in fails(["clean", "kinds=whole"], capsys)
-    assert "there is no folder nowhere" in fails(["clean", "work=nowhere"], capsys)
+    assert "kinds=whole: choose from" in fails("clean", "kinds=whole")
+    assert "there is no folder nowhere" in fails("clean", "work=nowhere")
 
 
 def test_nothing_is_removed_while_a_run_uses_the_store(work, outputs):

@@ -71,14 +71,9 @@ def test_objects_that_the_run_did_not_look_for_are_classes_only(
     detector.detect(frame.rgb, frame.depth, frame.camera_matrix, max_instances=1)
 
 
-def test_a_run_whose_outputs_are_elsewhere_is_named(
-    tiny_run: TinyRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as caught:
-        words = ["export", str(tiny_run.output), str(tmp_path / "learnt"), f"work={tmp_path}"]
-        main(["objects", *words])
-    assert caught.value.code == 1
-    error = capsys.readouterr().err
+def test_a_run_whose_outputs_are_elsewhere_is_named(tiny_run, tmp_path, fails) -> None:
+    words = ["export", str(tiny_run.output), str(tmp_path / "learnt"), f"work={tmp_path}"]
+    error = fails("objects", *words)
     assert f"{tmp_path} has no classifier that {tiny_run.output}" in error
     assert not (tmp_path / "learnt").exists()
 

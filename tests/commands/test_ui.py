@@ -3,21 +3,13 @@ from pathlib import Path
 import pytest
 import requests
 
-from hlp.cli import main
 from hlp.reporting.mlflow.tracking import MlflowSettings, track_run
 from served_ui import served_ui
 
-Captured = pytest.CaptureFixture[str]
 
-
-def test_without_runs_the_command_that_makes_one_is_named(
-    tmp_path: object, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-) -> None:
+def test_without_runs_the_command_that_makes_one_is_named(tmp_path, monkeypatch, fails) -> None:
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    with pytest.raises(SystemExit) as caught:
-        main(["ui", f"work={tmp_path}"])
-    assert caught.value.code == 1
-    assert "`hlp run` makes one" in capsys.readouterr().err
+    assert "`hlp run` makes one" in fails("ui", f"work={tmp_path}")
 
 
 @pytest.mark.slow

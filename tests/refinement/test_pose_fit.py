@@ -79,6 +79,14 @@ def test_the_right_pose_fits_better_in_every_respect(scene, observation, verifie
     assert right.cost == pytest.approx(verifier.weigh(evidence)[0])
 
 
+def test_the_pixels_that_agree_are_counted(scene, observation, verifier):
+    for pose in (scene.pose, disturbed(scene, 40.0, 20.0, seed=1)):
+        drawn = render_depth(verifier.mesh, pose[None], CAMERA, observation.depth.shape, threads=1)
+        away = np.abs(drawn[0] - observation.depth)
+        agreeing = np.count_nonzero((drawn[0] > 0.0) & (away <= verifier.tau_depth))
+        assert measure_fit(verifier, observation, pose).pixels == agreeing > 0
+
+
 def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(scene, observation, verifier):
     for shift in ([5.0, 0.0, 0.0], [0.0, 0.0, -2.0], [-0.2, 0.0, 0.0]):
         pose = scene.pose.copy()

@@ -185,14 +185,23 @@ def test_an_object_that_the_image_cuts_off_is_less_likely_right_known_to_be_ther
         assert away == pytest.approx(10.0 * 0.4**2)
 
 
-def test_a_narrow_side_is_less_likely_right_and_hardly_less_where_it_is_nearly_the_broadest():
-    broad = PoseFit(0.15, 0.9, 0.9, 1.0, 1.0)
-    away = [
-        logit(COLORLESS_PRIOR.score(broad))
-        - logit(COLORLESS_PRIOR.score(replace(broad, projected_share=share)))
-        for share in (1.0, 0.8, 0.5, 0.25)
-    ]
-    assert away == pytest.approx([0.0, 0.24, 3.75, 12.65625])
+def falls_by(**changes):
+    """By how much the logit of a fit falls for each value of one of its fields."""
+    fit = PoseFit(0.15, 0.9, 0.9, 1.0, 1.0)
+    ((name, values),) = changes.items()
+    found = [logit(COLORLESS_PRIOR.score(replace(fit, **{name: value}))) for value in values]
+    return logit(COLORLESS_PRIOR.score(fit)) - np.array(found)
+
+
+def test_a_narrow_side_is_less_likely_right():
+    assert falls_by(projected_share=(1.0, 0.8, 0.5, 0.25)) == pytest.approx([0.0, 1.6, 4.0, 6.0])
+
+
+def test_a_pose_with_which_few_pixels_agree_is_less_likely_right():
+    few = falls_by(pixels=(1e6, 1500.0, 750.0, 500.0, 0.0))
+    assert few == pytest.approx([0.0, 0.0, np.log(2), np.log(3), np.log(1500)])
+    seen = PoseFit(0.15, 0.9, 0.9, 1.0, 1.0)
+    assert PRIOR.score(replace(seen, pixels=500.0)) == PRIOR.score(seen)  # colours tell enough
 
 
 def test_colours_and_the_border_are_no_part_of_the_fit():

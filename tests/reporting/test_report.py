@@ -43,17 +43,6 @@ def test_report_lists_runs_oldest_first(tmp_path: Path) -> None:
     assert format_summary(summary()) in report_runs(tmp_path / "late", "text")
 
 
-def test_report_says_what_is_wrong(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=str(tmp_path)):
-        report_runs(tmp_path, "text")
-    (tmp_path / "summary.json").write_text('{"targets": 3')
-    with pytest.raises(ValueError, match=r"summary\.json is not JSON"):
-        read_summary(tmp_path / "summary.json")
-    (tmp_path / "summary.json").write_text('{"targets": 3}')
-    with pytest.raises(ValueError, match=r"metrics is missing"):
-        read_summary(tmp_path / "summary.json")
-
-
 def repeat(folder: Path, *right: bool, vsd: float = float("nan")) -> str:
     """An output folder whose targets are right or wrong by every metric but BOP's."""
     folder.mkdir()
@@ -192,7 +181,9 @@ def test_the_list_fits_a_terminal_and_shows_the_ends_of_long_names(tmp_path: Pat
     assert "else/2026-11-22_07-15-52/0" in describe_outputs(tmp_path, "markdown")
 
 
-def test_an_empty_folder_says_what_makes_a_run(tmp_path: Path) -> None:
+def test_an_empty_folder_is_named_with_what_makes_a_run(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match=str(tmp_path)):
+        report_runs(tmp_path, "text")
     with pytest.raises(MissingFileError, match="`hlp run` makes one"):
         describe_outputs(tmp_path, "text")
 

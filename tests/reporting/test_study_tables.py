@@ -5,12 +5,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from hlp.reporting.study_tables import (
-    basin_cells,
     compare_benches,
     format_basins,
     format_bench,
@@ -60,25 +58,10 @@ def test_the_oracle_has_a_row_an_object_and_a_column_a_cell() -> None:
     assert "| cup | 10 | 0.200 (0.10-0.20) | 0.800 (0.40-0.80) |" in written.splitlines()
 
 
-RIGHT = {
-    ("pso", "cup"): [[2, 2, 2], [2, 2, 2]],
-    ("pso", "cat"): [[4, 3, 1], [2, 1, 0]],
-    ("icp", "cup"): [[1, 1, 1], [1, 1, 1]],
-    ("icp", "cat"): [[4, 4, 0], [0, 0, 0]],
-}
-
-
-def test_basins_count_every_cell_in_the_order_of_the_study(tmp_path: Path) -> None:
-    """Of 4 starts of the cat, and of 2 of the cup; angles are not in their order."""
-    tried = [
-        (refiner, name, (15.0, 0.0)[1 - i], (0.0, 10.0, 50.0)[j], number < right[i][j])
-        for (refiner, name), right in RIGHT.items()
-        for number in range(4 if name == "cat" else 2)
-        for i, j in np.ndindex(2, 3)
-    ]
-    columns = ["refiner", "object", "rotation_deg", "translation_mm", "right"]
-    cells = basin_cells(pd.DataFrame(tried, columns=columns))
-    write_basins(tmp_path, cells)
+def test_basins_count_every_cell_in_the_order_of_the_study(
+    basins: pd.DataFrame, tmp_path: Path
+) -> None:
+    write_basins(tmp_path, basins)
     rows = csv_rows(tmp_path / "basin.csv")
     assert len(rows) == 2 * 3 * 6
     order = [(row["refiner"], row["object"]) for row in rows[::6]]
@@ -90,7 +73,7 @@ def test_basins_count_every_cell_in_the_order_of_the_study(tmp_path: Path) -> No
     assert (one["perturbations"], one["right"], float(one["add_recall"])) == ("4", "1", 0.25)
     both = found["pso", "all", "0.0", "10.0"]
     assert (both["perturbations"], both["right"]) == ("6", "5")  # of 4 + 2 starts, not of 2 objects
-    said = [line.split() for line in format_basins(cells).splitlines()]
+    said = [line.split() for line in format_basins(basins).splitlines()]
     at = said.index(["pso", "0", "10", "50"])
     assert said[at + 2] == ["0", "1.00", "0.83", "0.50"]
     assert said[at + 3] == ["15", "0.67", "0.50", "0.33"]

@@ -139,12 +139,9 @@ def test_an_interrupted_call_leaves_the_lines_and_no_old_document(tmp_path):
     with AnswersFile(tmp_path):
         pass
     assert json.loads((tmp_path / "poses.json").read_text()) == {"poses": []}
-    try:
-        with AnswersFile(tmp_path) as file:
-            file.add({"im_id": 1}, None)
-            raise KeyboardInterrupt
-    except KeyboardInterrupt:
-        pass
+    with pytest.raises(KeyboardInterrupt), AnswersFile(tmp_path) as file:
+        file.add({"im_id": 1}, None)
+        raise KeyboardInterrupt
     assert not (tmp_path / "poses.json").exists()
     assert (tmp_path / "poses.jsonl").read_text() == '{"im_id": 1}\n'
 
@@ -159,11 +156,7 @@ def test_two_processes_do_not_write_into_one_folder(tmp_path):
     assert (tmp_path / "poses.jsonl").read_text() == '{"im_id": 1}\n{"im_id": 2}\n'
     with AnswersFile(tmp_path):
         pass
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "poses.csv",
-        "poses.json",
-        "poses.jsonl",
-    ]
+    assert {path.name for path in tmp_path.iterdir()} == {"poses.csv", "poses.json", "poses.jsonl"}
 
 
 IDS = st.integers(0, 10**6)

@@ -97,14 +97,11 @@ def test_values_are_read_as_they_were_written(tmp_path: Path) -> None:
         "ms first": {(1, 4, 2, 0): 0.1 + 0.2},
         "none": {},
     }
+    assert read_target_values(tmp_path) == {}
     write_target_values(tmp_path, values, {2: 'cup, "red"'})
     assert read_target_values(tmp_path) == values
     first = (tmp_path / "targets.csv").read_text().splitlines()[0]
     assert first == "scene_id,im_id,obj_id,instance,object,est/est,ms first,none"
-
-
-def test_a_folder_without_them_has_none(tmp_path: Path) -> None:
-    assert read_target_values(tmp_path) == {}
 
 
 def test_each_target_has_its_verdict() -> None:

@@ -12,13 +12,14 @@ from hlp.evaluation import EvaluationSettings, WaterfallSettings
 from hlp.evaluation.waterfall import VoteCounts
 from hlp.geometry import project, rigid, transform
 from hlp.method.find.trace import STAGES, ObjectTrace
-from hlp.records import Frame, Hypotheses, Mesh, ObjectModel, Region, Target, TargetScore, Votes
+from hlp.records import Frame, Hypotheses, Region, Target, TargetScore, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.refiner import Refinement
 from hlp.rendering.rasterizer import render_depth
 from hlp.runs.diagnosis import explain_misses, note_frame, visible_pixels
 from hlp.stages.trace_files import read_trace, write_trace
+from refinement_scene import model_of
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
 SHAPE = (120, 160)
@@ -27,18 +28,7 @@ SETTINGS = EvaluationSettings(
 )
 NEAR = rigid(Rotation.from_rotvec([0.4, 0.2, 0.1]).as_matrix(), np.array([-0.05, 0.0, 0.8]))
 FAR = rigid(Rotation.from_rotvec([-0.4, 0.3, 0.0]).as_matrix(), np.array([0.06, 0.0, 0.9]))
-
-
-def _model():
-    box = trimesh.creation.box((0.06, 0.08, 0.10)).subdivide()
-    vertices = np.array(box.vertices)
-    colors = np.zeros((len(vertices), 3), np.uint8)
-    mesh = Mesh(vertices, np.array(box.faces), colors, np.array(box.vertex_normals))
-    diameter = float(np.linalg.norm([0.06, 0.08, 0.10]))
-    return ObjectModel(1, "box", mesh, mesh, diameter, np.eye(4)[None], 0.08, 0.03)
-
-
-MODEL = _model()
+MODEL = model_of(trimesh.creation.box((0.06, 0.08, 0.10)).subdivide())
 OWN = render_depth(MODEL.mesh, NEAR[None], K, SHAPE)[0] > 0
 """What nothing hides of the first target."""
 

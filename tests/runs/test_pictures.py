@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from box_scene import at
 from hlp.method.find.trace import ObjectTrace
 from hlp.records import Frame, Hypotheses, PoseEstimate, Target, TargetScore
 from hlp.refinement.choice import RefinedHypotheses
@@ -111,21 +112,15 @@ def test_swarms_are_drawn_of_the_targets_of_the_frames_in_turn(
 IMAGE, DEPTH = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4))
 
 
-def at(z: float) -> np.ndarray:
-    pose = np.eye(4)
-    pose[2, 3] = z
-    return pose
-
-
 def answer(object_id: int, pose: np.ndarray | None) -> PoseEstimate:
     return PoseEstimate(1, 3, object_id, pose, 0.5)
 
 
 def found(*estimates: PoseEstimate, **poses: list[float]) -> FrameResults:
     """Object 6 with coarse poses 1 and 2 m away; the fine ones and their sources as given."""
-    trace = ObjectTrace(hypotheses=Hypotheses(np.stack([at(1.0), at(2.0)]), np.ones(2)))
+    trace = ObjectTrace(hypotheses=Hypotheses(np.stack([at(0, 0, 1.0), at(0, 0, 2.0)]), np.ones(2)))
     if poses:
-        fine = [Refinement(at(z), 0) for z in poses["fine"]]
+        fine = [Refinement(at(0, 0, z), 0) for z in poses["fine"]]
         sources, count = np.array(poses["sources"], dtype=int), len(fine)
         seeds = np.zeros((count, 2), dtype=int)
         refined = RefinedHypotheses(fine, np.zeros(count), sources, seeds, (0,))
@@ -134,15 +129,15 @@ def found(*estimates: PoseEstimate, **poses: list[float]) -> FrameResults:
 
 
 def test_the_answer_for_a_target_is_the_nearest_of_its_object() -> None:
-    target, near = Target(6, at(1.0)), answer(6, at(1.2))
-    assert found(answer(6, at(2.0)), answer(2, at(1.0)), near).nearest(target) is near
+    target, near = Target(6, at(0, 0, 1.0)), answer(6, at(0, 0, 1.2))
+    assert found(answer(6, at(0, 0, 2.0)), answer(2, at(0, 0, 1.0)), near).nearest(target) is near
     assert found(answer(6, None)).nearest(target) is None
 
 
 @pytest.mark.parametrize(("fine", "coarse"), [(1.9, 2.0), (0.9, 1.0), (3.0, None)])
 def test_the_coarse_pose_is_the_one_that_was_refined(fine: float, coarse: float | None) -> None:
     # The pose at 3 m comes from the fallback, which has no coarse pose.
-    seen = found(fine=[0.9, 1.9, 3.0], sources=[0, 1, -1]).coarse(6, answer(6, at(fine)))
+    seen = found(fine=[0.9, 1.9, 3.0], sources=[0, 1, -1]).coarse(6, answer(6, at(0, 0, fine)))
     assert (None if seen is None else seen[2, 3]) == coarse
 
 
@@ -152,7 +147,7 @@ def test_without_an_answer_the_best_coarse_pose_is_shown() -> None:
 
 
 def test_targets_are_scored_object_by_object() -> None:
-    targets = tuple(Target(i, at(z)) for i, z in [(6, 1.0), (2, 1.0), (6, 2.0)])
+    targets = tuple(Target(i, at(0, 0, z)) for i, z in [(6, 1.0), (2, 1.0), (6, 2.0)])
     results = FrameResults(Frame(1, 3, IMAGE, DEPTH, np.eye(3), targets), {}, ())
     ordered = [(target.object_id, target.pose_cam_obj[2, 3]) for target in results.targets]
     assert ordered == [(6, 1.0), (6, 2.0), (2, 1.0)]

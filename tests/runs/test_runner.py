@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from box_scene import at, box_model
 from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.summary import summarise
-from hlp.objects.shapes import rounded_box
-from hlp.records import ObjectModel, PoseEstimate, Target
+from hlp.records import PoseEstimate, Target
 from hlp.runs.runner import describe_failed, say_failed, with_failed_frames
 
 KEYS = ("000006_000001", "000006_000002", "000007_000001")
@@ -29,18 +29,11 @@ def run_of():
     return SimpleNamespace(keys=KEYS, dataset=SimpleNamespace(frames=Frames()))
 
 
-def model():
-    mesh = rounded_box((0.07, 0.08, 0.09), 0.01, (200, 40, 40))
-    return ObjectModel(1, "box", mesh, mesh, 0.139, np.eye(4)[None], 0.08, 0.04)
-
-
 def scored():
-    pose = np.eye(4)
-    pose[2, 3] = 0.8
-    ids = ((6, 1), (7, 1))
+    pose, ids = at(0.0, 0.0, 0.8), ((6, 1), (7, 1))
     truths = [FrameTruth(*id_, np.eye(3), 640, (Target(1, pose),)) for id_ in ids]
     found = [PoseEstimate(*keys, 1, pose, 0.9) for keys in ids]
-    return score_targets(truths, {1: model()}, found, EvaluationSettings())
+    return score_targets(truths, {1: box_model()}, found, EvaluationSettings())
 
 
 def test_they_count_as_wrong_in_the_order_of_the_frames():

@@ -14,6 +14,10 @@ TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([
 CENTROID = np.array([0.03, -0.02, 0.05])
 
 
+def centre(pose):
+    return pose[:3, :3] @ CENTROID + pose[:3, 3]
+
+
 def test_every_cell_of_the_grid_has_its_own_errors():
     perturbations = perturbation_grid(TASK, TRUE, CENTROID, 7)
     assert perturbations.shape == (2, 3, 4, 4, 4)
@@ -22,8 +26,8 @@ def test_every_cell_of_the_grid_has_its_own_errors():
             for start in perturbations[i, j]:
                 turn = Rotation.from_matrix(start[:3, :3] @ TRUE[:3, :3].T).magnitude()
                 assert np.rad2deg(turn) == pytest.approx(degrees, abs=1e-6)
-                moved = (start - TRUE)[:3, :3] @ CENTROID + (start - TRUE)[:3, 3]
-                assert np.linalg.norm(moved) * 1e3 == pytest.approx(millimetres, abs=1e-9)
+                moved = np.linalg.norm(centre(start) - centre(TRUE))
+                assert moved * 1e3 == pytest.approx(millimetres, abs=1e-9)
     assert len(np.unique(perturbations[1, 2].reshape(4, -1), axis=0)) == 4
     np.testing.assert_array_equal(perturbations, perturbation_grid(TASK, TRUE, CENTROID, 7))
     assert not np.allclose(perturbations[1:], perturbation_grid(TASK, TRUE, CENTROID, 8)[1:])
@@ -43,10 +47,6 @@ def test_every_cell_of_the_grid_has_its_own_errors():
 def test_a_list_that_cannot_be_worked_with_is_named(change, message):
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(TASK, **change)
-
-
-def centre(pose):
-    return pose[:3, :3] @ CENTROID + pose[:3, 3]
 
 
 def test_directions_favour_none_and_differ():

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate
@@ -23,10 +24,8 @@ def verdicts(*right):
 
 
 def posed(millimetres=0.0, degrees=0.0):
-    turn = np.deg2rad(degrees)
-    c, s = np.cos(turn), np.sin(turn)
-    rotation = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    return rigid(rotation[None], np.array([[millimetres / 1e3, 0.0, 1.0]]))[0]
+    turn = Rotation.from_euler("x", degrees, degrees=True).as_matrix()
+    return rigid(turn, np.array([millimetres / 1e3, 0.0, 1.0]))
 
 
 def test_times_of_first_and_further_objects_and_of_whole_frames():

@@ -36,7 +36,7 @@ RIGHT = {
 }
 
 
-def test_the_matrix_counts_right_poses_by_cell_and_object():
+def test_the_matrix_counts_right_poses_and_what_the_stages_lost_which_is_all_misses():
     assert set(CELLS) == set(RIGHT)
     result = summarise_oracle({c: scores(*RIGHT[c]) for c in CELLS}, NAMES, Policy, 0)
     assert [(cell["region"], cell["coarse"]) for cell in result["cells"]] == list(CELLS)
@@ -50,10 +50,6 @@ def test_the_matrix_counts_right_poses_by_cell_and_object():
             assert (found["targets"], found["recall"]) == (10, pytest.approx(right / 10))
             low, high = found["ci95"]
             assert low <= right / 10 <= high and (low < high or right in (0, 10))
-
-
-def test_what_the_stages_lost_sums_to_all_misses():
-    result = summarise_oracle({c: scores(*RIGHT[c]) for c in CELLS}, NAMES, Policy, 0)
     assert result["lost"] == {
         "region": pytest.approx(3 / 20),  # 8 right become 11 with the true region
         "coarse pose": pytest.approx(8 / 20),  # … and 19 with the true coarse pose as well

@@ -10,6 +10,7 @@ from omegaconf import OmegaConf
 from hlp.errors import InputError
 from hlp.studies import sweep
 from hlp.studies.sweep import SweepCallback, unfinished_sweep
+from written_sweeps import change
 
 ASKED = ("seed=0,1", "refinement=icp")
 
@@ -36,8 +37,7 @@ def test_another_command_is_another_sweep(stopped: Path) -> None:
 
 
 def test_a_sweep_that_came_to_its_end_is_begun_anew(stopped: Path) -> None:
-    record = json.loads((stopped / "sweep.json").read_text())
-    (stopped / "sweep.json").write_text(json.dumps({**record, "status": "FINISHED"}))
+    change(stopped / "sweep.json", status="FINISHED")
     assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) is None
 
 
@@ -49,8 +49,7 @@ def test_a_damaged_record_is_of_no_sweep(stopped: Path, content: str) -> None:
 
 def test_a_sweep_that_is_running_is_left_alone(stopped: Path) -> None:
     """`RUNNING` without its lock is one that died: killed, or the machine went down."""
-    record = json.loads((stopped / "sweep.json").read_text())
-    (stopped / "sweep.json").write_text(json.dumps({**record, "status": "RUNNING"}))
+    change(stopped / "sweep.json", status="RUNNING")
     assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) == stopped
     with FileLock(stopped / "sweep.lock"):
         assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) is None

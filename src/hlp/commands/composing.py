@@ -75,16 +75,12 @@ def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
         if not is_foreseen(error):
             raise
         if HydraConfig.get().mode == RunMode.RUN:
-            _remove_unused(Path(HydraConfig.get().runtime.output_dir))
+            folder = Path(HydraConfig.get().runtime.output_dir)
+            if {path.name for path in folder.glob("*")} <= {".hydra", "hlp.log"}:
+                shutil.rmtree(folder, ignore_errors=True)  # of a run that has not begun
             fail(error)  # here, since Hydra adds a line to what passes through it
         logging.getLogger(__name__).error("%s: %s", config.output, in_words(error))
         raise
-
-
-def _remove_unused(folder: Path) -> None:
-    """Remove the folder of a run that has not begun: it holds what Hydra writes first."""
-    if {path.name for path in folder.glob("*")} <= {".hydra", "hlp.log"}:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 class LogFile(logging.FileHandler):

@@ -99,7 +99,11 @@ def live(arguments: Sequence[str]) -> None:
     page = own.whole_number(given, "page", most=65535)
     overlay = own.path_of(given, "overlay", "") if "overlay" in given else None
     with ExitStack() as stack:
-        camera = _camera(given)
+        if source in _SOURCES:
+            settings, make = _SOURCES[source]
+            camera = make(own.read_group(settings, given))
+        else:
+            camera = cameras.load_camera(source)
         stack.callback(camera.close)
         pictures = None
         if overlay is not None or page is not None:
@@ -110,10 +114,3 @@ def live(arguments: Sequence[str]) -> None:
         answering.live(
             detector, camera, options, lambda line: print(json.dumps(line), flush=True), pictures
         )
-
-
-def _camera(given: Mapping[str, str]) -> cameras.Camera:
-    if given["source"] not in _SOURCES:
-        return cameras.load_camera(given["source"])
-    settings, make = _SOURCES[given["source"]]
-    return make(own.read_group(settings, given))

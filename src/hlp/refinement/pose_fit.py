@@ -43,7 +43,7 @@ class PoseFit:
     frame (`refinement.appearance`), and other poses at its place (`find.answers`): a
     log-likelihood ratio, 0 if nothing. `projected_share` is the silhouette's area relative to that
     of the object's broadest side, at most 1 and for objects with colours always: narrow sides look
-    like many things.
+    like many things. `pixels` is the number of the image's pixels that agree.
 
     Examples:
         >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
@@ -63,6 +63,7 @@ class PoseFit:
     appearance: float = 0.0
     inside_fraction: float = 1.0
     projected_share: float = 1.0
+    pixels: float = np.inf
 
 
 def measure_fit(
@@ -101,6 +102,7 @@ def measure_fit(
         plane_deviation_mm=np.inf if colored else deviation * MILLIMETRES_PER_METRE,
         inside_fraction=inside_fraction,
         projected_share=projected_share,
+        pixels=float(np.count_nonzero(agreeing)),
     )
 
 

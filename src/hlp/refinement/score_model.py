@@ -30,7 +30,8 @@ _AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
 _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
 _HIGHEST_CONTRAST = 0.8
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
-_NARROW = 30.0  # of the logit, times the cube of what the silhouette lacks of the broadest side (D)
+_NARROW = 8.0  # of the logit, times what the silhouette lacks of the broadest side (D)
+_MANY_PIXELS = 1500.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
 _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
 _USUAL = 0.05  # … and this (D)
 _LEVEL = -2.2  # of the logit: what cost and edge of others take from it where all is exact (D)
@@ -46,14 +47,15 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 class ScoreModel(Stored):
     """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
-    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 30·n³, where c is the
-    verification cost, e the distance of the outline to edges of the image, h the hidden fraction, a
-    what the appearance tells, d how much the colours contradict, and b the fraction beyond the
-    image's border: what the image does not show contradicts no pose, so wrong ones gather there. n
-    is the share by which the silhouette is smaller than the object's broadest side: parts rarely
-    stand on edge, and a narrow rectangle is like many things; 0 for objects with colours. z is the
-    mean Fisher transform artanh(r) of the correlations r of depth and slope, drawn to a neutral
-    value where the model itself is nearly a plane, and 0 where too few of its pixels are seen.
+    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 8·n - ln(1500 / p), where c is
+    the verification cost, e the distance of the outline to edges of the image, h the hidden
+    fraction, a what the appearance tells, d how much the colours contradict, and b the fraction
+    beyond the image's border: what it does not show contradicts no pose, so wrong ones gather
+    there. n is the share by which the silhouette is smaller than the object's broadest side, p are
+    the pixels that agree, at most 1500: what is narrow or small is like many things. For objects
+    with colours, n and the logarithm are 0. z is the mean Fisher transform artanh(r) of the
+    correlations r of depth and slope, drawn to a neutral value where the model itself is nearly a
+    plane, and 0 where too few of its pixels are seen.
     `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls when the
     fit is better. An object of which less than 0.3 is seen is not found: its score is below
     `MIN_SCORE`, in proportion.
@@ -75,7 +77,9 @@ class ScoreModel(Stored):
     def _probability(self, fit: PoseFit, contradiction: float = 0.0, more: float = 0.0) -> float:
         logit = self.weights(more) @ np.array([1.0, *_inputs([fit])[0]])
         logit += fit.appearance - contradiction - _CUT_OFF * (1.0 - fit.inside_fraction) ** 2
-        logit -= _NARROW * (1.0 - fit.projected_share) ** 3
+        logit -= _NARROW * (1.0 - fit.projected_share)
+        if self.colorless:
+            logit -= np.log(_MANY_PIXELS / np.clip(fit.pixels, 1.0, _MANY_PIXELS))
         return float(probabilities(logit))
 
     def scores(self, fits: Sequence[PoseFit], known_present: bool = False) -> list[float]:

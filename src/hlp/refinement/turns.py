@@ -51,10 +51,8 @@ def half_turns(model: ObjectModel) -> Poses:
     """
     if model.mesh.colored:
         return np.zeros((0, 4, 4))
-    vertices = np.asarray(model.proxy.vertices, dtype=np.float64)
-    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
     turns = told_apart(_HALF_TURNS, model)
-    return rigid(turns, middle - turns @ middle)
+    return rigid(turns, model.centroid - turns @ model.centroid)
 
 
 def told_apart(turns: Float[np.ndarray, "n 3 3"], model: ObjectModel) -> Float[np.ndarray, "k 3 3"]:

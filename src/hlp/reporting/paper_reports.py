@@ -182,9 +182,8 @@ class Recalls:
             label: [recall_bar(score) if score else None for score in scores]
             for label, scores in self.ours.items()
         }
-        return draw_bars(
-            self.rows, [Panel("recall", measured, published=self.printed)], title, note
-        )
+        panel = Panel("recall", measured, published=self.printed)
+        return draw_bars(self.rows, [panel], title, note)
 
 
 def object_recalls(runs: Mapping[str, Result]) -> Recalls:

@@ -118,14 +118,8 @@ def recording_figures(repeats: Repeats) -> Table:
         hidden = {result.seed: targets for result in own if (targets := result.hidden_targets)}
         if hidden:
             name, count = f"{data} below {WELL_VISIBLE:g} visible", len(hidden[own[0].seed])
-            recalls = pd.DataFrame(
-                [
-                    [recall_of(targets, key) for key in ("add", "5cm5deg")]
-                    for targets in hidden.values()
-                ],
-                [*hidden],
-                ["ADD(-S)", "5cm5deg"],
-            )
+            shares = [[recall_of(of, key) for key in ("add", "5cm5deg")] for of in hidden.values()]
+            recalls = pd.DataFrame(shares, [*hidden], ["ADD(-S)", "5cm5deg"])
             rows.append([name, str(count), *_mean_cells(recalls, seeds, ["", ""]), *[""] * 5])
     by_seed = [f"add_seed_{seed}" for seed in seeds]
     means = ["add", "add_low", "add_high", "5cm5deg", "ar", "ece", "ece_by_chance"]

@@ -152,16 +152,11 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
     Raises MissingFileError without a file, DataError for a broken one.
     """
     scored = [read_targets(path) for path in files]
-    recalls = pd.DataFrame(
-        [
-            [
-                *(recall_of([*own.values()], key) for key in METRIC_LABELS),
-                average_recalls([target.score for target in own.values()])["ar"],
-            ]
-            for own in scored
-        ],
-        dtype=float,
-    )
+    found = []
+    for targets in (list(own.values()) for own in scored):
+        average = average_recalls([target.score for target in targets])["ar"]
+        found.append([*(recall_of(targets, key) for key in METRIC_LABELS), average])
+    recalls = pd.DataFrame(found, dtype=float)
     rows = [
         [name, str(len(own)), *map(format_share, shares)]
         for name, own, shares in zip(names, scored, recalls.to_numpy(), strict=True)

@@ -160,12 +160,10 @@ def write_search(folder: Path, result: Result) -> None:
     """Write search.csv, one row a trial, and search.md."""
     write_text(folder / "search.md", format_search(result, "markdown") + "\n")
     keys = list(result["trials"][0]["values"])
-    rows = []
-    for trial in result["trials"]:
-        values = [trial["values"][key] for key in keys]
-        rows.append(
-            [trial["trial"], *values, trial["recall"], trial["time_ms"], trial["error"] or ""]
-        )
+    rows = [
+        [t["trial"], *(t["values"][k] for k in keys), t["recall"], t["time_ms"], t["error"] or ""]
+        for t in result["trials"]
+    ]
     write_csv(folder / "search.csv", ["trial", *keys, "add_recall", "median_ms", "error"], rows)
 
 

@@ -42,7 +42,8 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     compared, several = sweep.mains, len(sweep.mains) > 1
     if several:
         compared = [name for name in compared if name in sweep.differences]
-    header = [*_keys(sweep, whole)]
+    keys = [short_key(key) for key in sweep.keys] or ["run"]
+    header = keys if whole else [", ".join(keys)]
     for name in names:
         header += [name, "95 %"] if name in with_interval else [name]
     for name in compared:
@@ -63,13 +64,8 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     return Table(header, rows)
 
 
-def _keys(sweep: Sweep, whole: bool) -> list[str]:
-    """Column names of the swept keys: one each or, for a terminal, one for all."""
-    names = [short_key(key) for key in sweep.keys] or ["run"]
-    return names if whole else [", ".join(names)]
-
-
 def _values(sweep: Sweep, run: SweepRun, whole: bool) -> list[str]:
+    """Values of the swept keys: in a column each or, for a terminal, in one for all."""
     values = [run.values.get(key, "") for key in sweep.keys] or [run.folder.name]
     values = values if whole else [", ".join(values)]
     return [*values[:-1], f"{values[-1]} *" if run is sweep.best else values[-1]]

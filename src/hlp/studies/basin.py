@@ -163,15 +163,10 @@ def perturbation_grid(
     """
     sizes = task.rotation_deg, task.translation_mm, range(task.perturbations)
     degrees, millimetres, _ = np.meshgrid(*map(np.array, sizes), indexing="ij")
-    rng = np.random.default_rng(seed)
-    axes, directions = _on_sphere(degrees.size, rng), _on_sphere(degrees.size, rng)
+    drawn = np.random.default_rng(seed).normal(size=(2, degrees.size, 3))
+    axes, directions = drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)
     turns = Rotation.from_rotvec(axes * np.deg2rad(degrees).reshape(-1, 1)).as_matrix()
     rotations = turns @ pose_cam_obj[:3, :3]
     middle = pose_cam_obj[:3, :3] @ centroid + pose_cam_obj[:3, 3]
     shifted = middle + directions * millimetres.reshape(-1, 1) / 1e3
     return rigid(rotations, shifted - rotations @ centroid).reshape(*degrees.shape, 4, 4)
-
-
-def _on_sphere(count: int, rng: np.random.Generator) -> Float[np.ndarray, "n 3"]:
-    drawn = rng.normal(size=(count, 3))
-    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))

@@ -17,14 +17,15 @@ from hlp.config.settings import TASKS
 from hlp.errors import ConfigError, MissingDependencyError, is_expected
 from hlp.files import SCORES, write_json
 from hlp.folders import locked
-from hlp.reporting.comparison import paired_difference, read_targets, surely
+from hlp.reporting.comparison import paired_difference, surely
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.charts import search_points
 from hlp.reporting.mlflow.pages import short_name
 from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
 from hlp.reporting.study_tables import format_search, write_search
-from hlp.results.recalls import TargetKey
+from hlp.results.poses_file import read_scores
+from hlp.results.recalls import TargetKey, add_verdicts
 from hlp.runs import runner
 from hlp.settings import Count, Doc, NotNegative, Settings
 from hlp.stages.manifest import fingerprint
@@ -102,8 +103,7 @@ class SearchSettings(Settings):
 def _verdicts(trial: Mapping[str, Any]) -> dict[TargetKey, float]:
     """Verdicts by ADD(-S) of a trial's targets; none if its files were removed since."""
     scores = Path(trial["folder"], SCORES)
-    targets = read_targets(scores) if scores.is_file() else {}
-    return {key: float(target.correct("add")) for key, target in targets.items()}
+    return add_verdicts(read_scores(scores)[0] if scores.is_file() else [])
 
 
 def _study_name(run: Run, task: SearchSettings) -> str:

@@ -5,7 +5,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pandas as pd
-import pytest
 
 from hlp.reporting.figures.heat_maps import (
     HeatMap,
@@ -14,41 +13,20 @@ from hlp.reporting.figures.heat_maps import (
     draw_heat_maps,
     oracle_map,
 )
-from hlp.reporting.study_tables import basin_cells
-
-RIGHT = {
-    ("pso", "cat"): [[4, 3, 1], [2, 1, 0]],
-    ("pso", "cup"): [[2, 2, 2], [2, 2, 2]],
-    ("icp", "cat"): [[4, 4, 0], [0, 0, 0]],
-    ("icp", "cup"): [[1, 1, 1], [1, 1, 1]],
-}
-
-
-@pytest.fixture(scope="module")
-def cells() -> pd.DataFrame:
-    """How many of 4 starts of the cat, and of 2 of the cup, are right in each cell."""
-    rows = [
-        (refiner, name, (0.0, 15.0)[i], (0.0, 10.0, 50.0)[j], number < right[i][j])
-        for (refiner, name), right in RIGHT.items()
-        for number in range(4 if name == "cat" else 2)
-        for i, j in np.ndindex(2, 3)
-    ]
-    columns = ["refiner", "object", "rotation_deg", "translation_mm", "right"]
-    return basin_cells(pd.DataFrame(rows, columns=columns))
 
 
 def test_there_is_a_picture_and_a_drawing_for_each_object_and_all(
-    cells: pd.DataFrame, tmp_path: Path
+    basins: pd.DataFrame, tmp_path: Path
 ) -> None:
-    draw_basins(tmp_path, cells)
+    draw_basins(tmp_path, basins)
     names = {f"{name}.{kind}" for name in ("all", "cat", "cup") for kind in ("png", "svg")}
     assert {path.name for path in (tmp_path).iterdir()} == names
     pictures = [cv2.imread(str(tmp_path / f"{name}.png")) for name in ("cat", "cup")]
     assert pictures[0].shape[1] > 500 and not np.array_equal(*pictures)
 
 
-def test_a_map_of_basins_shows_the_recalls_with_degrees_upwards(cells: pd.DataFrame) -> None:
-    figure = basin_maps("cat", cells[cells["object"] == "cat"])
+def test_a_map_of_basins_shows_the_recalls_with_degrees_upwards(basins: pd.DataFrame) -> None:
+    figure = basin_maps("cat", basins[basins["object"] == "cat"])
     pso, icp = figure.axes
     assert (pso.get_title(), icp.get_title()) == ("pso", "icp")
     np.testing.assert_allclose(pso.images[0].get_array(), [[0.5, 0.25, 0], [1, 0.75, 0.25]])
@@ -62,14 +40,8 @@ def test_a_map_of_basins_shows_the_recalls_with_degrees_upwards(cells: pd.DataFr
 
 def test_cells_without_a_result_and_the_default_say_so() -> None:
     values = np.array([[1.0, 2.0], [3.0, np.nan]])
-    figure = draw_heat_maps(
-        [HeatMap("ms", values, "{:.0f}".format)],
-        ["x", "y"],
-        ["a", "b"],
-        ("across", "down"),
-        "",
-        (1, 0),
-    )
+    maps, axes = [HeatMap("ms", values, "{:.0f}".format)], ("across", "down")
+    figure = draw_heat_maps(maps, ["x", "y"], ["a", "b"], axes, "", (1, 0))
     (ax,) = figure.axes
     assert [text.get_text() for text in ax.texts] == ["1", "2", "3\n(default)", "no result"]
 

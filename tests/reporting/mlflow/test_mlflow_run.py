@@ -19,7 +19,7 @@ PATIENCE = 300.0  # s; a busy machine takes long to import MLflow
 THREAD = "system metrics"
 
 
-def test_a_run_holds_what_was_logged(mlflow_settings: MlflowSettings, tmp_path: Path) -> None:
+def test_a_run_holds_what_was_logged(settings: MlflowSettings, tmp_path: Path) -> None:
     (tmp_path / "summary.json").write_text("{}")
     (tmp_path / "panels").mkdir()
     (tmp_path / "panels" / "frame.png").write_bytes(b"png")
@@ -27,21 +27,21 @@ def test_a_run_holds_what_was_logged(mlflow_settings: MlflowSettings, tmp_path: 
     many = {f"group{i}.key": i for i in range(150)}
     config = {"data": {"name": "lm", "root": "x" * 7000}}
     revision = {REVISION: "0123abc"}
-    with track_run(mlflow_settings, "demo", config, revision, params=params | many) as tracker:
+    with track_run(settings, "demo", config, revision, params=params | many) as tracker:
         tracker.log_metrics({"add/recall": 0.5, "add/recall_eggbox [2]": 1.0, "nothing": None})
         tracker.log_artifact(tmp_path / "summary.json")
         tracker.log_artifacts(tmp_path / "panels", "panels")
         tracker.log_input("lm frames", "0" * 40, "../data/lm", "evaluation")
         tracker.log_input("photographs", "12ab", "../data/photos", "training")
 
-    run = MlflowClient(mlflow_settings.uri).get_run(tracker.run_id)
+    run = MlflowClient(settings.uri).get_run(tracker.run_id)
     assert (run.info.status, run.info.run_name) == ("FINISHED", "demo")
     assert run.data.tags["mlflow.source.git.commit"] == "0123abc"
     assert run.data.metrics == {"add/recall": 0.5, "add/recall_eggbox _2_": 1.0}
     assert len(run.data.params["refinement.long"]) == 6000
     assert run.data.params["group149.key"] == "149"
     artifacts = Path(run.info.artifact_uri.removeprefix("file://"))
-    database = Path(mlflow_settings.uri.removeprefix("sqlite:///"))
+    database = Path(settings.uri.removeprefix("sqlite:///"))
     assert artifacts.is_relative_to(database.parent / "mlflow-artifacts")
     assert (artifacts / "summary.json").read_text() == "{}"
     assert (artifacts / "panels" / "frame.png").read_bytes() == b"png"
@@ -57,13 +57,13 @@ def test_a_run_holds_what_was_logged(mlflow_settings: MlflowSettings, tmp_path: 
     assert f"/runs/{tracker.run_id}?" in tracker.page_path
 
 
-def test_the_link_leads_to_the_run_with_the_loss_curves(mlflow_settings: MlflowSettings) -> None:
-    client = MlflowClient(mlflow_settings.uri)
-    with track_run(mlflow_settings, "trains", {}) as tracker:
+def test_the_link_leads_to_the_run_with_the_loss_curves(settings: MlflowSettings) -> None:
+    client = MlflowClient(settings.uri)
+    with track_run(settings, "trains", {}) as tracker:
         assert tracker.log_training("encoder", "1f2e", LOSSES) == ""
         assert tracker.log_training("encoder", "1f2e", LOSSES) == ""  # its own
         first = tracker.run_id
-    other = MlflowSettings(uri=mlflow_settings.uri, experiment="second")
+    other = MlflowSettings(uri=settings.uri, experiment="second")
     with track_run(other, "reuses", {}) as tracker:
         words = tracker.log_training("encoder", "1f2e", LOSSES)
         assert tracker.log_training("classifier", "3d4c", []) == ""  # nothing is trained
@@ -151,10 +151,7 @@ def test_without_mlflow_there_is_no_thread_and_nothing_is_logged(tmp_path: Path)
     nothing.log_params({"a": 1})
     nothing.describe("words")
     nothing.log_input("frames", "12ab", "there", "evaluation")
-    assert (nothing.run_id, nothing.page_path, nothing.log_training("encoder", "1", LOSSES)) == (
-        *("", ""),
-        "",
-    )
+    assert nothing.run_id == nothing.page_path == nothing.log_training("encoder", "1", LOSSES) == ""
 
 
 def test_a_failure_ends_the_metrics_but_not_the_run(caplog: pytest.LogCaptureFixture) -> None:

@@ -26,11 +26,6 @@ if TYPE_CHECKING:
 DISK = OSError("disk")
 
 
-@pytest.fixture(scope="module")
-def settings(mlflow_settings: MlflowSettings) -> MlflowSettings:
-    return mlflow_settings
-
-
 def tracked(
     settings: MlflowSettings, name: str = "demo", error: BaseException | None = None, **given: Any
 ) -> "Run":

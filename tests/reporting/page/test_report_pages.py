@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from box_scene import box_model
+from box_scene import at, box_model
 from hlp.errors import DataError
 from hlp.records import Frame, Target, TargetScore
 from hlp.reporting.page import page_or_log, study_folders, write_run_page, write_study_page
@@ -47,8 +47,7 @@ def keep(run: Path, *frames: int) -> None:
     """Material of the object in some frames, which show two points near it and one far away."""
     depth = np.zeros((120, 160))
     depth[60, 80], depth[61, 80], depth[0, 0] = 0.8, 0.85, 2.0
-    pose = np.eye(4)
-    pose[:3, 3] = 0.0, 0.0, 0.8
+    pose = at(0.0, 0.0, 0.8)
     camera = np.array([[100.0, 0.0, 80.0], [0.0, 100.0, 60.0], [0.0, 0.0, 1.0]])
     model = replace(box_model(), name="<cat>")
     targets = []

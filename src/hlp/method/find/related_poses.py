@@ -104,14 +104,13 @@ class _Face(NamedTuple):
 
     @classmethod
     def of(cls, verifier: Verifier, observation: Observation, pose: Pose) -> "_Face":
-        vertices = np.asarray(verifier.model.proxy.vertices, dtype=np.float64)
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        middle = (low + high) / 2.0
+        middle = verifier.model.centroid
         towards = -pose[:3, :3].T @ transform(pose, middle[None])[0]
         axis = int(np.argmax(np.abs(towards)))
         drawn = verifier.depth_of(observation, pose)
         agreeing = drawn.explains(observation.depth, verifier.tau_depth)
-        box = middle, (high - low) / 2.0, axis, float(np.sign(towards[axis]))
+        half = np.ptp(np.asarray(verifier.model.proxy.vertices, dtype=np.float64), axis=0) / 2.0
+        box = middle, half, axis, float(np.sign(towards[axis]))
         return cls(verifier, observation, pose, *box, drawn, agreeing)
 
     def placed(self, turns: Float[np.ndarray, "n 3 3"], shift: Point) -> Poses:

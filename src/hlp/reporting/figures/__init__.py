@@ -29,12 +29,9 @@ def save_jpeg(figure: "Figure", path: Path) -> None:
 
 def save_figure(figure: "Figure", path: Path) -> list[Path]:
     """Write `path`.png and `path`.svg; those files. Equal figures give equal files."""
-    import matplotlib
-
     files = [path.with_name(f"{path.name}.{ending}") for ending in ("png", "svg")]
-    with matplotlib.rc_context({"svg.hashsalt": "hlp"}):
-        figure.savefig(files[0], dpi=150)
-        figure.savefig(files[1], metadata={"Date": None})
+    figure.savefig(files[0], dpi=150)
+    files[1].write_bytes(as_svg(figure))
     return files
 
 
@@ -43,14 +40,14 @@ def in_base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
 
 
-def svg_in_base64(figure: "Figure") -> str:
-    """A figure as SVG, as it stands in a page."""
+def as_svg(figure: "Figure") -> bytes:
+    """A figure as SVG."""
     import matplotlib
 
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "hlp"}):
         figure.savefig(stream, format="svg", metadata={"Date": None})
-    return in_base64(stream.getvalue())
+    return stream.getvalue()
 
 
 Color = tuple[int, int, int]

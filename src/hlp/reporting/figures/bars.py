@@ -235,11 +235,7 @@ def bench_bars(result: Mapping[str, Any]) -> "Figure":
         if path[unit]
     }
     medians = [
-        {
-            part: time["median_ms"]
-            for part, time in times.items()
-            if part == TOTAL or "stage " in part
-        }
+        {part: times[part]["median_ms"] for part in times if part == TOTAL or "stage " in part}
         for times in timed.values()
     ]
     title = "ms, medians of a frame's first object, of further ones, of whole frames"

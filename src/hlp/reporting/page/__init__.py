@@ -15,7 +15,7 @@ from hlp.errors import DataError
 from hlp.files import MANIFEST, PAGE, SCORES, SUMMARY, SWEEP, read_json, write_text
 from hlp.folders import found_below
 from hlp.reporting.comparison import ScoredTarget, read_targets
-from hlp.reporting.figures import charts, in_base64, svg_in_base64
+from hlp.reporting.figures import as_svg, charts, in_base64
 from hlp.reporting.figures.bars import object_bars
 from hlp.reporting.page.report_data import (
     COLUMNS,
@@ -164,14 +164,10 @@ def _charts(
         "visibility": charts.visibility_bars(targets),
         "timing": charts.timing_bars(summary),
     }
+    drawn = {name: as_svg(figure) if figure else b"" for name, figure in figures.items()}
     files = {name: folder / f"{name}.svg" for name in _FIGURES}
-    return {
-        **{name: svg_in_base64(figure) if figure else "" for name, figure in figures.items()},
-        **{
-            name: in_base64(path.read_bytes()) if path.is_file() else ""
-            for name, path in files.items()
-        },
-    }
+    drawn |= {name: path.read_bytes() if path.is_file() else b"" for name, path in files.items()}
+    return {name: in_base64(svg) for name, svg in drawn.items()}
 
 
 # Without HTML: what stands in a text, as an object's name, is shown and not run.
