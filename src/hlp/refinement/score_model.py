@@ -31,7 +31,7 @@ _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squar
 _HIGHEST_CONTRAST = 0.8
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
 _NARROW = 8.0  # of the logit, times what the silhouette lacks of the broadest side (D)
-_MANY_PIXELS = 1500.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
+_MANY_PIXELS = 2000.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
 _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
 _USUAL = 0.05  # … and this (D)
 _LEVEL = -2.2  # of the logit: what cost and edge of others take from it where all is exact (D)
@@ -47,12 +47,12 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 class ScoreModel(Stored):
     """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
-    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 8·n - ln(1500 / p), where c is
+    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 8·n - ln(2000 / p), where c is
     the verification cost, e the distance of the outline to edges of the image, h the hidden
     fraction, a what the appearance tells, d how much the colours contradict, and b the fraction
     beyond the image's border: what it does not show contradicts no pose, so wrong ones gather
     there. n is the share by which the silhouette is smaller than the object's broadest side, p are
-    the pixels that agree, at most 1500: what is narrow or small is like many things. For objects
+    the pixels that agree, at most 2000: what is narrow or small is like many things. For objects
     with colours, n and the logarithm are 0. z is the mean Fisher transform artanh(r) of the
     correlations r of depth and slope, drawn to a neutral value where the model itself is nearly a
     plane, and 0 where too few of its pixels are seen.
