@@ -79,12 +79,14 @@ def test_the_right_pose_fits_better_in_every_respect(scene, observation, verifie
     assert right.cost == pytest.approx(verifier.weigh(evidence)[0])
 
 
-def test_the_pixels_that_agree_are_counted(scene, observation, verifier):
+def test_the_pixels_that_agree_with_an_object_without_colours_are_counted(scene, observation):
+    verifier = Verifier(colorless(scene.model), SETTINGS)
     for pose in (scene.pose, disturbed(scene, 40.0, 20.0, seed=1)):
         drawn = render_depth(verifier.mesh, pose[None], CAMERA, observation.depth.shape, threads=1)
         away = np.abs(drawn[0] - observation.depth)
         agreeing = np.count_nonzero((drawn[0] > 0.0) & (away <= verifier.tau_depth))
         assert measure_fit(verifier, observation, pose).pixels == agreeing > 0
+    assert measure_fit(Verifier(scene.model, SETTINGS), observation, scene.pose).pixels == np.inf
 
 
 def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(scene, observation, verifier):

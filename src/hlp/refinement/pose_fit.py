@@ -43,7 +43,7 @@ class PoseFit:
     frame (`refinement.appearance`), and other poses at its place (`find.answers`): a
     log-likelihood ratio, 0 if nothing. `projected_share` is the silhouette's area relative to that
     of the object's broadest side, at most 1 and for objects with colours always: narrow sides look
-    like many things. `pixels` is the number of the image's pixels that agree.
+    like many things. `pixels` is the number that agree, infinite for objects with colours.
 
     Examples:
         >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
@@ -102,7 +102,7 @@ def measure_fit(
         plane_deviation_mm=np.inf if colored else deviation * MILLIMETRES_PER_METRE,
         inside_fraction=inside_fraction,
         projected_share=projected_share,
-        pixels=float(np.count_nonzero(agreeing)),
+        pixels=np.inf if colored else float(np.count_nonzero(agreeing)),
     )
 
 

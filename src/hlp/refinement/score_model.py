@@ -78,8 +78,7 @@ class ScoreModel(Stored):
         logit = self.weights(more) @ np.array([1.0, *_inputs([fit])[0]])
         logit += fit.appearance - contradiction - _CUT_OFF * (1.0 - fit.inside_fraction) ** 2
         logit -= _NARROW * (1.0 - fit.projected_share)
-        if self.colorless:
-            logit -= np.log(_MANY_PIXELS / np.clip(fit.pixels, 1.0, _MANY_PIXELS))
+        logit -= np.log(_MANY_PIXELS / np.clip(fit.pixels, 1.0, _MANY_PIXELS))
         return float(probabilities(logit))
 
     def scores(self, fits: Sequence[PoseFit], known_present: bool = False) -> list[float]:

@@ -228,7 +228,8 @@ class PoseEstimator:
         settings, model = self.settings.fine.templates, self.learnt.models[object_id]
         assert settings is not None
         context.observer("templates")
-        seen, templates = unexplained or context.observation, self._templates(object_id, settings)
+        templates = self._templates(object_id, settings)
+        seen = context.observation if unexplained is None else unexplained
         view = context.edge_answers(settings.reach), seen.depth, seen.camera_matrix
         found = match_templates(templates, *view, model, settings, context.mask, self.team)
         poses = align_to_depth(found.poses_cam_obj, model, seen)
