@@ -75,8 +75,7 @@ def test_own_frames_are_examined_without_true_poses(healthy):
     wrong = FrameFiles(**given, intrinsics=[250.0, 250.0, 160.0, 120.0], depth_scale=0.1)
     (finding,) = doctor.examine_own(OwnFrames(wrong), None)
     assert finding.kind == "intrinsics"
-    nothing = FrameFiles(**given, intrinsics="none.json")
-    (finding,) = doctor.examine_own(OwnFrames(nothing), None)
+    (finding,) = doctor.examine_own(OwnFrames(FrameFiles(**given, intrinsics="none.json")), None)
     assert "is not a file" in finding.problem
 
 
@@ -111,8 +110,7 @@ def test_where_only_what_finds_objects_is_installed_the_rest_is_one_finding(monk
 def test_threads_that_cost_time_are_named(variable, value, named, monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 4)
     monkeypatch.setattr("os.environ", {variable: value})
-    findings = check_threads()
-    assert [finding.where for finding in findings] == [f"{variable}={value.upper()}"] * named
+    assert [finding.where for finding in check_threads()] == [f"{variable}={value.upper()}"] * named
 
 
 def test_a_machine_with_too_little_disk_is_described(tmp_path, monkeypatch, capsys):

@@ -111,8 +111,7 @@ def test_a_fisheye_has_four_coefficients(tmp_path):
 
 
 def test_the_depth_scale_is_read(tmp_path):
-    camera = camera_of(tmp_path, "a.json", {"cam_K": FLAT, "depth_scale": 0.1})
-    assert camera.depth_scale == 0.1
+    assert camera_of(tmp_path, "a.json", {"cam_K": FLAT, "depth_scale": 0.1}).depth_scale == 0.1
     assert camera_of(tmp_path, "b.json", {"cam_K": FLAT}).depth_scale is None
 
 
@@ -177,8 +176,7 @@ def test_a_bent_point_goes_back_to_where_a_straight_camera_sees_it():
     away = np.hypot(across - seen[0, 0, 0], down - seen[0, 0, 1])
     assert np.linalg.norm(seen[0, 0] - straight) > 2.0
     for nearest in (False, True):
-        image = np.exp(-((away / 2.0) ** 2)).astype(np.float32)
-        found = undistorted(image, BENT, nearest)
+        found = undistorted(np.exp(-((away / 2.0) ** 2)).astype(np.float32), BENT, nearest)
         y, x = np.unravel_index(found.argmax(), found.shape)
         assert np.linalg.norm([x, y] - straight) < 1.0
 
@@ -217,8 +215,7 @@ def test_an_image_made_smaller_is_made_larger_again_pixel_by_pixel(factor):
     camera = resized_camera(MATRIX, 1 / factor, depth.shape[::-1])
     shape = (depth.shape[0] * factor, depth.shape[1] * factor)
     found = resampled_depth(depth, camera, MATRIX, shape)
-    expected = np.repeat(np.repeat(depth, factor, 0), factor, 1)
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(found, np.repeat(np.repeat(depth, factor, 0), factor, 1))
 
 
 def test_intrinsics_of_other_images_are_refused():

@@ -22,8 +22,7 @@ CAMERA = [500.0, 501.0, 20.0, 15.0]
 
 def encoded(number: int) -> tuple[bytes, bytes]:
     """A colour and a depth image (PNG) of a number."""
-    rng = np.random.default_rng(number)
-    color = rng.integers(0, 255, (30, 40, 3), dtype=np.uint8)
+    color = np.random.default_rng(number).integers(0, 255, (30, 40, 3), dtype=np.uint8)
     depth = np.full((30, 40), 1000 + number, np.uint16)
     return tuple(cv2.imencode(".png", image)[1].tobytes() for image in (color, depth))  # type: ignore[return-value]
 
@@ -129,8 +128,7 @@ def named(tmp_path: Path) -> dict[str, str]:
 
 def test_each_line_is_an_image(named: dict[str, str]) -> None:
     more = named | {"name": "first", "captured": 12.5}
-    lines = [json.dumps(more) + "\n", "\n", json.dumps(named)]
-    first, second = LinesCamera(lines, SETTINGS)
+    first, second = LinesCamera([json.dumps(more) + "\n", "\n", json.dumps(named)], SETTINGS)
     assert isinstance(first, CameraImage) and isinstance(second, CameraImage)
     assert (first.name, first.captured) == ("first", 12.5)
     assert (second.name, second.captured) == ("a", None)
@@ -160,8 +158,7 @@ def test_a_wrong_line_costs_itself_alone(named: dict[str, str], line: str, words
 
 @pytest.mark.parametrize("time", ['"noon"', "NaN", "-1e999", "1e13", "[]"])
 def test_a_wrong_time_is_named(named: dict[str, str], time: str) -> None:
-    line = json.dumps(named)[:-1] + f', "captured": {time}}}'
-    (broken,) = LinesCamera([line], SETTINGS)
+    (broken,) = LinesCamera([json.dumps(named)[:-1] + f', "captured": {time}}}'], SETTINGS)
     assert isinstance(broken, BrokenImage) and "must be seconds since 1970" in str(broken.error)
 
 

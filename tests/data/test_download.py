@@ -7,9 +7,9 @@ import shutil
 import socket
 import time
 import zipfile
-from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx2
 import numpy as np
@@ -120,8 +120,7 @@ def test_what_keeps_a_file_from_being_loaded_is_named(server, tmp_path, monkeypa
         pass
     with pytest.raises(NetworkError, match=r"127\.0\.0\.1.*nothing is loaded yet"):
         fetch(archive(gone), tmp_path / "a.zip")
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 51_000_000))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=51_000_000))
     with pytest.raises(DiskFullError, match=r"0\.1 GB free.*output=FOLDER"):
         fetch(archive(server), tmp_path / "a.zip")
     assert not list(tmp_path.iterdir())
@@ -201,9 +200,8 @@ def test_each_core_set_is_loaded_by_its_archives_names(hub, tmp_path, name):
 
 
 def test_nothing_is_loaded_if_an_archive_is_absent_or_the_disk_is_short(hub, tmp_path, monkeypatch):
-    usage = namedtuple("usage", "total used free")
     with monkeypatch.context() as patched, pytest.raises(DiskFullError, match="packed and unpack"):
-        patched.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 50_000_100))
+        patched.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=50_000_100))
         download(find_set("lm"), tmp_path / "lm", "bop19", hub.address)
     hub.files.pop(f"{PATH}/lm_test_bop19.zip")
     with pytest.raises(NetworkError, match="404"):

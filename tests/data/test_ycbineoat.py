@@ -25,7 +25,7 @@ def pose(number):
 
 @pytest.fixture
 def root(tmp_path):
-    """Images named by time, poses by number, as in the published sequences."""
+    """Images named by time, poses by number, as in the published sequences; a mesh beside them."""
     for name in ("rgb", "depth", "annotated_poses"):
         (tmp_path / name).mkdir()
     for number, stamp in enumerate(STAMPS):
@@ -35,6 +35,7 @@ def root(tmp_path):
         cv2.imwrite(str(tmp_path / "depth" / f"{stamp}.png"), depth)
         np.savetxt(tmp_path / "annotated_poses" / f"{number:07d}.txt", pose(number))
     np.savetxt(tmp_path / "cam_K.txt", K)
+    trimesh.creation.box((0.05, 0.1, 0.2)).export(tmp_path / "box.ply")
     return tmp_path
 
 
@@ -61,12 +62,10 @@ def test_poses_of_the_images_names_belong_to_them(root):
     np.testing.assert_allclose(frame.targets[0].pose_cam_obj, pose(0), atol=1e-12)
 
 
-def test_the_data_set_is_built_from_a_mesh_and_the_folder(root, tmp_path):
-    mesh = tmp_path / "bottle.ply"
-    trimesh.creation.box((0.05, 0.1, 0.2)).export(mesh)
-    dataset = YcbineoatSettings(root=str(root), mesh=str(mesh)).build()
+def test_the_data_set_is_built_from_a_mesh_and_the_folder(root):
+    dataset = YcbineoatSettings(root=str(root), mesh=str(root / "box.ply")).build()
     (model,) = dataset.models.values()
-    assert (model.name, dataset.target_ids) == ("bottle", (1,))
+    assert (model.name, dataset.target_ids) == ("box", (1,))
     assert model.diameter == pytest.approx(np.linalg.norm((0.05, 0.1, 0.2)))
     before = dataset.frames.identity()
     np.savetxt(root / "annotated_poses" / "0000001.txt", pose(7))
@@ -110,7 +109,6 @@ DEPTH = f"depth/{STAMPS[1]}.png"
     ],
 )
 def test_a_bad_frame_costs_itself_alone(root, spoil, words):
-    trimesh.creation.box((0.05, 0.1, 0.2)).export(root / "box.ply")
     dataset = YcbineoatSettings(root=str(root), mesh=str(root / "box.ply")).build()
     keys, identity = dataset.frames.keys, dataset.frames.identity()
     assert find_bad_frames(dataset, keys) == {}
@@ -125,7 +123,6 @@ def test_a_bad_frame_costs_itself_alone(root, spoil, words):
 
 
 def test_a_wrong_camera_or_unit_is_said_of_all_frames(root):
-    trimesh.creation.box((0.05, 0.1, 0.2)).export(root / "box.ply")
     settings = YcbineoatSettings(root=str(root), mesh=str(root / "box.ply"), depth_scale=1000.0)
     dataset = settings.build()
     found = find_bad_frames(dataset, dataset.frames.keys)

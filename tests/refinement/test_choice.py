@@ -1,18 +1,15 @@
 """Which hypotheses are refined, in what order, which is chosen, and the search about that."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from hlp.geometry import rotation_distance
 from hlp.records import Hypotheses
 from hlp.refinement.choice import InstanceSearch
 from hlp.refinement.refiner import Refinement
 from hlp.refinement.score_model import ScoreModel
-from hlp.refinement.turns import half_turns
 from hlp.refinement.verification import Verifier, observe
-from refinement_scene import CAMERA, colorless, disturbed, error, search_of
+from refinement_scene import CAMERA, disturbed, error, search_of
 
 
 class Recorder:
@@ -82,15 +79,6 @@ def test_what_scores_too_little_early_on_is_given_up_and_not_searched_again(
         result = choose(scene, verification, refiner, poses, early_score=early_score)
         assert [one.given_up for one in result.refined] == [given_up] * len(result.refined)
         assert len(refiner.searched_again) == (not given_up)
-
-
-def test_what_is_found_upside_down_without_colours_is_turned_over(scene, verification):
-    model = colorless(scene.model)
-    for part, away in ((model, 0.0), (scene.model, 180.0)):
-        start = scene.pose @ half_turns(model)[:1]
-        result = choose(replace(scene, model=part), verification, Recorder(), start)
-        angle = rotation_distance(result.chosen_poses[0][:3, :3], scene.pose[:3, :3])
-        assert np.degrees(angle) == pytest.approx(away, abs=1e-3)
 
 
 def test_fewer_are_refined_of_an_object_that_may_be_absent(scene, verification, poses):

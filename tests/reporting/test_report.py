@@ -138,8 +138,7 @@ def test_every_run_and_sweep_has_its_line(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path / "sweep", ["seed"], ["seed=1,2"])
     write_run(sweep / "0", "demo", scored(0.5, 40.0, {"cat": 0.5}))
     (sweep / "1" / ".hydra").mkdir(parents=True)
-    broken = write_run(tmp_path / "demo" / "b", "demo", {})
-    (broken / "summary.json").write_text("{")
+    (write_run(tmp_path / "demo" / "b", "demo", {}) / "summary.json").write_text("{")
     rows = {row[0]: list(row[1:]) for row in run_list(tmp_path).rows}
     assert rows.pop("demo/a") == ["finished", "20", "0.750", "0.650-0.790", "0.550", "40"]
     assert {name: row[0] for name, row in rows.items()} == {
@@ -148,8 +147,7 @@ def test_every_run_and_sweep_has_its_line(tmp_path: Path) -> None:
         "sweep/0": "finished",
         "sweep/1": "unfinished",
     }
-    text = describe_outputs(tmp_path, "text")
-    assert "best run. 5 runs below" in text
+    assert "best run. 5 runs below" in describe_outputs(tmp_path, "text")
 
 
 def test_a_sweep_has_the_figures_of_its_best_run(tmp_path: Path) -> None:

@@ -99,10 +99,8 @@ def test_swarms_are_drawn_of_the_targets_of_the_frames_in_turn(
         *(score(2, 4, False, cause="few_votes"), score(2, 2, True)),
         *(score(3, 4, True), score(3, 2, False)),
     ]
-    models = {4: None, 2: None}
-    dataset = SimpleNamespace(models=models, target_ids=())
-    failed = {keys[1]: "no depth"}
-    draw(tmp_path, 4, keys, failed=failed, scores=scores, dataset=dataset)
+    dataset = SimpleNamespace(models={4: None, 2: None}, target_ids=())
+    draw(tmp_path, 4, keys, failed={keys[1]: "no depth"}, scores=scores, dataset=dataset)
     assert drawn["swarm_costs"] == [
         (keys[0], 4, "right"), (keys[2], 4, "wrong, few votes"), (keys[3], 2, "wrong"),
     ]  # fmt: skip

@@ -103,17 +103,15 @@ def filled(text: str) -> str:
 
 def notebooks(arguments: Sequence[str]) -> None:
     """Copy the tutorial notebooks into a folder, none of them if one exists already."""
-    given = known_arguments(arguments, ("output",), "notebooks")
-    folder = path_of(given, "output", "notebooks")
+    folder = path_of(known_arguments(arguments, ("output",), "notebooks"), "output", "notebooks")
     sources = sorted(shipped_folder("notebooks").glob("*.ipynb"))
-    for source in sources:
-        if (folder / source.name).exists():
-            raise InputError(
-                f"{folder / source.name} exists already: choose another folder with output=DIR"
-            )
+    targets = [folder / source.name for source in sources]
+    for target in targets:
+        if target.exists():
+            raise InputError(f"{target} exists already: choose another folder with output=DIR")
     folder.mkdir(parents=True, exist_ok=True)
-    for source in sources:
-        print(shutil.copyfile(source, folder / source.name))
+    for source, target in zip(sources, targets, strict=True):
+        print(shutil.copyfile(source, target))
 
 
 def clean(arguments: Sequence[str]) -> None:

@@ -29,10 +29,7 @@ def run(arguments: Sequence[str], name: str = "run") -> None:
     if any(argument.startswith(_MANIFEST) for argument in arguments):
         _repeat(arguments)
         return
-    folder = None
-    if MULTIRUN & {*arguments}:
-        folder = sweep.unfinished_sweep(arguments, Path("outputs"))
-    if folder is not None:
+    if MULTIRUN & {*arguments} and (folder := sweep.unfinished_sweep(arguments, Path("outputs"))):
         print(f"continuing the sweep in {folder}")
         arguments = [*arguments, f"output='{folder}'"]
     composing.compose_and_call(name, arguments, _run)
@@ -85,11 +82,9 @@ def _repeat(arguments: Sequence[str]) -> None:
     overrides = [word for word in arguments if not word.startswith(_MANIFEST)]
     named = [word.removeprefix(_MANIFEST) for word in arguments if word.startswith(_MANIFEST)]
     manifest = expanded(named[-1])
-    config = config_of(manifest, overrides)
     with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "config.yaml").write_text(config)
-        again = partial(_run, manifest=manifest)
-        composing.compose_and_call("run", overrides, again, Path(folder))
+        Path(folder, "config.yaml").write_text(config_of(manifest, overrides))
+        composing.compose_and_call("run", overrides, partial(_run, manifest=manifest), Path(folder))
 
 
 def _bench_files(value: str) -> tuple[Path, Path]:
@@ -100,10 +95,8 @@ def _bench_files(value: str) -> tuple[Path, Path]:
     names = [name.strip() for name in value.strip("[]").split(",")]
     files = [expanded(name) for name in names if name]
     if len(files) == 1:
-        found = [
-            path for path in Path("outputs").rglob("bench.json") if not path.samefile(files[0])
-        ]
-        files += sorted(found, key=lambda path: path.stat().st_mtime)[-1:]
+        found = sorted(Path("outputs").rglob("bench.json"), key=lambda path: path.stat().st_mtime)
+        files += [path for path in found if not path.samefile(files[0])][-1:]
     if len(files) != 2:
         raise InputError(f"compare={value}: name two bench.json, or one beside those in outputs/")
     return files[0], files[1]

@@ -13,7 +13,7 @@ from jaxtyping import Int
 from hlp.arrays import Flags, Pose, Poses, Rows, Values
 from hlp.records import Hypotheses
 from hlp.refinement.pose_fit import measure_fit
-from hlp.refinement.refiner import Refinement, Refiner, refinable, refine_turned_over
+from hlp.refinement.refiner import Refinement, Refiner, refinable
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Evidence, Observation, Verifier
@@ -76,10 +76,9 @@ class InstanceSearch:
     Hypotheses that are not finite or lie behind the camera are dropped. The rest is refined in
     order of verification cost, two at a time and at most `candidates` (None: the verifier's), until
     the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
-    lowers a cost by that much. Flat parts that are found upside down are turned over.
-    The best of those that look much like the chosen one takes its place (`choose_among_alike`).
-    Then it is searched again, in a smaller box; what that finds is kept unless its cost, among the
-    refined poses, is higher than before.
+    lowers a cost by that much. The best of those that look much like the chosen one takes its place
+    (`choose_among_alike`). Then it is searched again, in a smaller box; what that finds is kept
+    unless its cost, among the refined poses, is higher than before.
 
     This is repeated for every further instance, with the hypotheses for which more than half of the
     agreeing pixels are not explained by an instance that was chosen before. `unexplained` is the
@@ -218,8 +217,6 @@ class InstanceSearch:
             self.enter("refine")
             of = self._model, self.observation, batch, batch_seed, self._spent()
             found = self.refiner.refine(*of, self._is_given_up if self.early_score else None)
-            also = self.refiner, self.verifier, self.observation, found, batch_seed, self._spent()
-            found = refine_turned_over(*also)
             self.enter("verify")
             for number, (row, refined) in enumerate(zip(new, found, strict=True)):
                 self.known[self._poses[row].tobytes()] = refined, (batch_seed, number)

@@ -12,6 +12,8 @@ from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier
 from hlp.settings import Registry, Settings
 
+_CLEARLY = 0.8  # of a pose's cost: half a turn away from a right one, none costs less (D)
+
 
 @dataclass(frozen=True)
 class Refinement:
@@ -109,33 +111,24 @@ def refinable(poses_cam_obj: Poses, centroid: Point) -> Flags:
     return np.asarray(np.isfinite(poses_cam_obj).all(axis=(1, 2)) & (depths > 0.0))
 
 
-def refine_turned_over(
-    refiner: Refiner,
-    verifier: Verifier,
-    observation: Observation,
-    found: list[Refinement],
-    seed: int,
-    spent: float,
-) -> list[Refinement]:
-    """Each of the refinements that were found, or that of the pose half a turn away.
+def turned_over(
+    refiner: Refiner, verifier: Verifier, observation: Observation, pose_cam_obj: Pose, seed: int
+) -> Refinement | None:
+    """The best of the poses half a turn away, refined; None if it does not cost clearly less.
 
-    Of those poses (`Verifier.half_turns`), the one of least verification cost is refined where it
-    costs less than what was found, and taken where it then does.
+    Upside down or end for end, a flat part fits nearly as well (`Verifier.half_turns`), and the
+    swarm does not turn so far.
     """
-    poses = np.stack([each.pose_cam_obj for each in found])
-    turned = poses[:, None] @ verifier.half_turns
-    if turned.shape[1] == 0:
-        return found
-    before = verifier.costs(observation, poses)
-    costs = verifier.costs(observation, turned.reshape(-1, 4, 4)).reshape(len(poses), -1)
-    rows = np.flatnonzero(costs.min(axis=1) < before)
-    start = Hypotheses(turned[rows, costs[rows].argmin(axis=1)], np.ones(len(rows)))
-    again = refiner.refine(verifier.model, observation, start, seed, spent)
-    chosen = list(found)
-    for row, other in zip(rows, again, strict=True):
-        if verifier.costs(observation, other.pose_cam_obj[None])[0] < before[row]:
-            chosen[row] = other
-    return chosen
+    poses = pose_cam_obj @ verifier.half_turns
+    if len(poses) == 0:
+        return None
+    turned = Hypotheses(poses, np.ones(len(poses)))
+    found = refiner.refine(verifier.model, observation, turned, seed)
+    costs = verifier.costs(observation, np.stack([each.pose_cam_obj for each in found]))
+    best = found[int(np.argmin(costs))]
+    best = refiner.second_search(verifier.model, observation, best, seed)
+    before, after = verifier.costs(observation, np.stack([pose_cam_obj, best.pose_cam_obj]))
+    return best if after < _CLEARLY * before else None
 
 
 @REFINERS.register

@@ -88,8 +88,7 @@ def _find(run: Run, detection: DetectionStages) -> tuple[list[PoseEstimate], lis
     notes: dict[str, FrameNotes] = {}
 
     def look(key: str, found: Trace) -> None:
-        frame = detection.load(key)
-        notes[key] = note_frame(run.dataset, frame, found, run.settings.evaluation)
+        notes[key] = note_frame(run.dataset, detection.load(key), found, run.settings.evaluation)
 
     estimates = detection.estimates(look)
     return estimates, [notes[key] for key in run.keys if key not in detection.failed]
@@ -103,8 +102,7 @@ def _search_empty(run: Run, detection: DetectionStages) -> list[float]:
     keys, settings = dataset.frames.keys, run.settings
     _logger.info("%d frames that show none of the objects are searched", len(keys))
     of = dataset, settings.method, detection.training, keys
-    stages = DetectionStages(*of, on_bad_frame=settings.on_bad_frame)
-    return scores_in_vain([], stages.estimates())
+    return scores_in_vain([], DetectionStages(*of, on_bad_frame=settings.on_bad_frame).estimates())
 
 
 def _score(
@@ -127,13 +125,9 @@ def _score(
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
     draw_pictures(run, detection, saved, scores, output)
+    votes = vote_quality([counts for noted in notes for counts in noted.votes], names)
     summary = summarise(
-        scores,
-        names,
-        timing.milliseconds(),
-        vote_quality([counts for noted in notes for counts in noted.votes], names),
-        settings.evaluation,
-        settings.seed,
+        scores, names, timing.milliseconds(), votes, settings.evaluation, settings.seed
     )
     summary |= {"timing": timing.summary(), "frames": len(run.keys)}
     if dataset.search_all:
@@ -171,15 +165,8 @@ def stages_of(run: Run, store: StageStore, on_bad_frame: OnBadFrame = "fail") ->
         run.require_sound_frames()
     settings = run.settings
     training = TrainingStages(run.dataset, settings.method, store, settings.warm_start)
-    return DetectionStages(
-        run.dataset,
-        settings.method,
-        training,
-        run.keys,
-        settings.executor,
-        on_bad_frame,
-        run.bad_frames,
-    )
+    of = run.dataset, settings.method, training, run.keys, settings.executor
+    return DetectionStages(*of, on_bad_frame, run.bad_frames)
 
 
 def with_failed_frames(

@@ -240,7 +240,7 @@ def search_again(
     """Costs of all particles in the search that one of an object's refined poses comes from.
 
     None if the search cannot be repeated with the same pose as end: it had another refiner or a
-    time budget, was given up, turned over, or is from the fallback: its coarse poses are not kept.
+    time budget, was given up, or is from the fallback: its coarse poses are not kept.
     """
     settings = detection.settings.refinement
     refined, coarse = found.trace[object_id].refined, found.trace[object_id].hypotheses

@@ -25,7 +25,7 @@ class Scores:
 
     def __init__(self, verifier, scores, templates=True):
         self._verifier, self._scores, self._templates = verifier, scores, templates
-        self.asked, self.appearances, self.settled = [], {}, {}
+        self.asked, self.appearances, self.settled, self.turned = [], {}, {}, {}
 
     def has_templates(self, _):
         return self._templates
@@ -52,6 +52,9 @@ class Scores:
     def refine(self, _, __, coarse, missing, rest, min_score, candidates):
         self.asked.append((missing, min_score))
         return refined(*coarse.poses_cam_obj)
+
+    def turn_over(self, _, __, pose):
+        return self.turned.get(pose.tobytes())
 
 
 def refined(*poses):
@@ -229,6 +232,16 @@ def test_beside_a_sure_one_another_takes_the_place_of_a_less_likely_one(verifier
     tried.search_instead()
     places = [pose[0, 3] for pose in tried.poses(0.0)]
     assert any(np.isclose(place, PLACES[1, 0]) for place in places) == right
+
+
+@pytest.mark.parametrize(("score", "found"), [(0.9, 1), (0.05, 0)])
+def test_likely_answers_are_turned_over_in_the_end(verifier, score, found):
+    context = frame(verifier, WHITE, WHITE)
+    estimator = Scores(verifier, [score, score, 0.0, 0.0])
+    estimator.turned[POSES[0].tobytes()] = refined(POSES[1])
+    tried = attempts(estimator, context, 1, refined(POSES[0]))
+    tried.search_instead()
+    assert found_places(tried) == [found]
 
 
 class Whole(Scores):

@@ -153,7 +153,7 @@ def test_templates_are_asked_for_where_votes_are_not_sure(
     monkeypatch.setattr(attempts.Attempts, "_judge", lambda self: self._answers)
     monkeypatch.setattr(attempts.Attempts, "_colors", SimpleNamespace(samples=None))
     monkeypatch.setattr(attempts.Chosen, "settle", lambda *_: None)
-    for search_of_packed in ("search_neighbours", "_divide"):
+    for search_of_packed in ("search_neighbours", "_divide", "_turn_over"):
         monkeypatch.setattr(attempts.Attempts, search_of_packed, lambda *_: None)
     estimator = Templates(*looks)
     found = search(estimator, most, min_score=0.5)[0]

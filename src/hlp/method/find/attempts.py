@@ -176,6 +176,16 @@ class Attempts:
             self.search_neighbours()
         if self._help_each_other:
             self._divide()  # what came forward where others changed
+        if self._colorless:
+            self._turn_over()
+
+    def _turn_over(self) -> None:
+        """Turn over the likely answers that were found upside down or end for end."""
+        for answer in self._different():
+            if answer.score < _LIKELY:
+                continue
+            if (turned := self._estimator.turn_over(*self._of, answer.pose)) is not None:
+                self._replace(answer, [turned])
 
     def poses(self, least: float) -> list[Pose]:
         """Those of at least that score, each of another instance, the most likely first."""

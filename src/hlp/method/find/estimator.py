@@ -22,6 +22,7 @@ from hlp.patches.local import region_pixels, thin_out
 from hlp.records import Frame, Hypotheses, ObjectModel, Region
 from hlp.refinement.choice import InstanceSearch, KnownRefinements, RefinedHypotheses
 from hlp.refinement.icp import align_to_depth
+from hlp.refinement.refiner import turned_over
 from hlp.refinement.texture import choose_nearby_by_texture
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.surface import color_grid
@@ -275,6 +276,17 @@ class PoseEstimator:
             context.refined[object_id] if self.has_templates(object_id) else {},
         )
         return search.find(instances)
+
+    def turn_over(
+        self, context: FrameContext, object_id: int, pose_cam_obj: Pose
+    ) -> RefinedHypotheses | None:
+        """The pose that a flat part has if it was found upside down; None if it was not."""
+        of, seed = self.verifier(object_id), self._seed(context.frame, object_id)
+        found = turned_over(self._refiner, of, context.observation, pose_cam_obj, seed)
+        if found is None:
+            return None
+        costs = of.costs(context.observation, found.pose_cam_obj[None])
+        return RefinedHypotheses([found], costs, np.array([-1]), np.array([[seed, 0]]), (0,))
 
     def follow(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Pose:
         """The pose of an instance that was at `pose_cam_obj` a moment before the frame."""
