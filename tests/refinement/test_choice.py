@@ -1,6 +1,5 @@
 """Which hypotheses are refined, in what order, which is chosen, and the search about that."""
 
-
 import numpy as np
 import pytest
 
