@@ -97,9 +97,8 @@ def test_one_after_another_packed_neighbours_are_found(verifier):
 def test_nothing_is_looked_for_beside_what_is_unlikely_coloured_or_all(
     verifier, scores, templates, instances
 ):
-    context = frame(verifier, WHITE, WHITE)
     estimator = Scores(verifier, scores, templates)
-    tried = attempts(estimator, context, instances, refined(POSES[0]))
+    tried = attempts(estimator, frame(verifier, WHITE, WHITE), instances, refined(POSES[0]))
     tried.search_neighbours()
     assert estimator.asked == [] and found_places(tried) == [0]
 
@@ -140,27 +139,16 @@ def test_of_a_single_part_the_likeliest_pose_is_the_answer(verifier, templates, 
     assert found_places(attempts(estimator, context, 1, refined(POSES[0], POSES[2]))) == found
 
 
-def test_a_single_part_has_no_neighbours(verifier):
-    """Of poses side by side, one at most is right: none speaks for another."""
-    context, scores = frame(verifier, WHITE, WHITE, WHITE), [0.9, 0.8, 0.8, 0.0]
-    told = []
+@pytest.mark.parametrize(("sure", "score", "instances"), [(0.9, 0.8, 1), (0.95, 0.3, 2)])
+def test_one_beside_a_sure_one_is_likelier_than_elsewhere(verifier, sure, score, instances):
+    """Not of a single part: of poses side by side, one at most is right."""
+    context, told = frame(verifier, WHITE, WHITE, WHITE), []
     for other in (1, 2):  # touches the first, or is as far off again
-        estimator = Scores(verifier, scores)
-        tried = attempts(estimator, context, 1, refined(POSES[0], POSES[other]))
-        assert found_places(tried) == [0]
+        estimator = Scores(verifier, [sure, score, score, 0.0])
+        tried = attempts(estimator, context, instances, refined(POSES[0], POSES[other]))
+        assert found_places(tried) == [0, other][:instances]
         told.append(estimator.appearances[POSES[other].tobytes()])
-    assert told[0] == pytest.approx(told[1], abs=0.1)
-
-
-def test_one_beside_a_sure_one_is_likelier_than_the_same_elsewhere(verifier):
-    context = frame(verifier, WHITE, WHITE, WHITE)
-    appearances = []
-    for other in (1, 2):  # touches the first, or is as far off again
-        estimator = Scores(verifier, [0.95, 0.3, 0.3, 0.0])
-        tried = attempts(estimator, context, 2, refined(POSES[0], POSES[other]))
-        assert found_places(tried) == [0, other]
-        appearances.append(estimator.appearances[POSES[other].tobytes()])
-    assert appearances[0] > appearances[1] + 1.0
+    assert abs(told[0] - told[1]) < 0.1 if instances == 1 else told[0] > told[1] + 1.0
 
 
 @pytest.mark.parametrize("color", [WHITE, RED])
@@ -236,10 +224,9 @@ def test_beside_a_sure_one_another_takes_the_place_of_a_less_likely_one(verifier
 
 @pytest.mark.parametrize(("score", "found"), [(0.9, 1), (0.05, 0)])
 def test_likely_answers_are_turned_over_in_the_end(verifier, score, found):
-    context = frame(verifier, WHITE, WHITE)
     estimator = Scores(verifier, [score, score, 0.0, 0.0])
     estimator.turned[POSES[0].tobytes()] = refined(POSES[1])
-    tried = attempts(estimator, context, 1, refined(POSES[0]))
+    tried = attempts(estimator, frame(verifier, WHITE, WHITE), 1, refined(POSES[0]))
     tried.search_instead()
     assert found_places(tried) == [found]
 
