@@ -57,19 +57,24 @@ def scene(plate, turn, at=(0.05, -0.03, 0.6)):
 
 def test_a_flat_part_without_colour_is_found(plate, templates):
     rgb, depth, pose = scene(plate, 2.0)
-    answers = spread_edges(color_edges(rgb), SETTINGS.reach)
+    near = spread_edges(color_edges(rgb), SETTINGS.reach)
     team = ThreadTeam(2)
-    found = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, None, team)
+    found, (x, y) = match_templates(templates, near, depth, CAMERA, plate, SETTINGS, None, team)
     points = plate.mesh.vertices
     errors = np.linalg.norm(
         transform(found.poses_cam_obj, points) - transform(pose, points), axis=2
     ).mean(axis=1)
     assert errors[:10].min() < 0.15 * plate.diameter
     assert (np.diff(found.support) <= 0).all() and found.support[0] > 0.7
-    alone = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
-    np.testing.assert_array_equal(alone.poses_cam_obj, found.poses_cam_obj)
-    nowhere = np.zeros(SHAPE, dtype=bool)
-    none = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, nowhere, team)
+    alone = ThreadTeam(1)
+    same, _ = match_templates(templates, near, depth, CAMERA, plate, SETTINGS, None, alone)
+    np.testing.assert_array_equal(same.poses_cam_obj, found.poses_cam_obj)
+    barren = np.zeros(SHAPE, dtype=bool)
+    barren[y, x] = True
+    assert 0.8 < 64 * barren.sum() / barren.size < 1.0
+    other, _ = match_templates(templates, near, depth, CAMERA, plate, SETTINGS, ~barren, alone)
+    np.testing.assert_array_equal(other.poses_cam_obj, found.poses_cam_obj)
+    none, _ = match_templates(templates, near, depth, CAMERA, plate, SETTINGS, barren, alone)
     assert len(none.support) == 0
 
 
@@ -81,9 +86,9 @@ def test_a_part_that_the_image_cuts_off_is_found(plate, templates, at):
     x, y = (transform(pose, points) @ CAMERA.T).T[:2] / transform(pose, points)[:, 2]
     beyond = (x < 0) | (x > SHAPE[1] - 1) | (y < 0) | (y > SHAPE[0] - 1)
     assert beyond.any() and not beyond.all()
-    answers = spread_edges(color_edges(rgb), SETTINGS.reach)
-    seen = answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1)
-    found = match_templates(templates, *seen).poses_cam_obj
+    near = spread_edges(color_edges(rgb), SETTINGS.reach)
+    seen = near, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1)
+    found = match_templates(templates, *seen)[0].poses_cam_obj
     apart = np.linalg.norm(transform(found, points) - transform(pose, points), axis=2)
     assert apart.mean(axis=1).min() < 0.15 * plate.diameter
 
@@ -97,9 +102,9 @@ def test_a_part_is_found_behind_what_hides_its_middle(plate, templates):
     along = pose[:2, 0] / np.linalg.norm(pose[:2, 0])
     hides = np.abs(along[0] * (x - u) + along[1] * (y - v)) < 14.0
     depth[hides], rgb[hides] = 0.5, (120, 40, 40)
-    answers = spread_edges(color_edges(rgb), SETTINGS.reach)
-    seen = answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1)
-    found = match_templates(templates, *seen).poses_cam_obj
+    near = spread_edges(color_edges(rgb), SETTINGS.reach)
+    seen = near, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1)
+    found = match_templates(templates, *seen)[0].poses_cam_obj
     points = plate.mesh.vertices
     apart = np.linalg.norm(transform(found, points) - transform(pose, points), axis=2)
     assert apart.mean(axis=1).min() < 0.15 * plate.diameter
@@ -112,9 +117,9 @@ def test_a_template_lies_only_where_the_surface_is_turned_as_its_own(plate, temp
     tilt = np.deg2rad(50.0)
     depth = 0.6 / (1.0 - np.tan(tilt) * (x - CAMERA[0, 2]) / CAMERA[0, 0])
     depth = np.where((depth > 0.2) & (depth < 1.5), depth, 0.0).astype(np.float32)
-    answers = np.full((DIRECTIONS, *SHAPE), 4, dtype=np.uint8)
-    seen = answers, depth, CAMERA, plate, SETTINGS, (right < 60) & (down < 60), ThreadTeam(1)
-    found = match_templates(templates, *seen).poses_cam_obj
+    near = np.full(SHAPE, 255, dtype=np.uint8)
+    seen = near, depth, CAMERA, plate, SETTINGS, (right < 60) & (down < 60), ThreadTeam(1)
+    found = match_templates(templates, *seen)[0].poses_cam_obj
     towards = -np.array([-np.sin(tilt), 0.0, np.cos(tilt)])
     normals = plate.mesh.normals @ np.swapaxes(found[:, :3, :3], 1, 2)
     assert len(found) > 20 and (normals @ towards).max(axis=1).min() > np.cos(np.deg2rad(46.0))
@@ -143,28 +148,23 @@ def test_a_template_is_what_its_view_shows(plate, templates):
         assert np.median(np.abs(deep - templates.surface[row][2])) < 0.002
 
 
-def test_answers_are_those_of_plain_numpy():
+def test_edges_are_spread_as_by_plain_numpy():
     rng = np.random.default_rng(0)
     directions = np.where(rng.random((30, 40)) < 0.02, rng.integers(16, size=(30, 40)), NO_EDGE)
-    found = spread_edges(directions.astype(np.int8), 2)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    expected = np.zeros_like(found)
+    expected = np.zeros((30, 40), dtype=np.uint8)
     for y, x in np.argwhere(directions != NO_EDGE):
-        own = (directions[y, x] + 1) // 2 % DIRECTIONS
-        for k in range(DIRECTIONS):
-            away = min((k - own) % DIRECTIONS, (own - k) % DIRECTIONS)
-            worth = {0: 4, 1: 2}.get(away, 0)
-            for v in range(max(y - 2, 0), min(y + 3, 30)):
-                for u in range(max(x - 2, 0), min(x + 3, 40)):
-                    if disc[v - y + 2, u - x + 2]:
-                        expected[k, v, u] = max(expected[k, v, u], worth)
-    np.testing.assert_array_equal(found, expected)
+        for v in range(max(y - 2, 0), min(y + 3, 30)):
+            for u in range(max(x - 2, 0), min(x + 3, 40)):
+                if disc[v - y + 2, u - x + 2]:
+                    expected[v, u] |= 1 << (directions[y, x] + 1) // 2 % DIRECTIONS
+    np.testing.assert_array_equal(spread_edges(directions.astype(np.int8), 2), expected)
 
 
 def test_the_share_of_features_is_that_of_plain_numpy(plate, templates):
     """One template at one place, where some of its surface is hidden, missing, or not seen."""
     rng, settings = np.random.default_rng(0), replace(SETTINGS, least_match=0.49)
-    answers = rng.integers(0, 5, (DIRECTIONS, *SHAPE)).astype(np.uint8)
+    near = np.packbits(rng.random((*SHAPE, 8)) < 0.32, axis=-1)[..., 0]
     x, y, shares, expected = 316, 236, [], []
     for row in range(0, len(templates.offsets), 17):
         one = Templates(*(part[[row]] for part in templates))
@@ -174,8 +174,8 @@ def test_the_share_of_features_is_that_of_plain_numpy(plate, templates):
         depth = np.kron(blocks, np.ones((8, 8))).astype(np.float32)
         place = np.zeros(SHAPE, dtype=bool)
         place[y, x] = True
-        seen = answers, depth, CAMERA, plate, settings, place, ThreadTeam(1)
-        shares.append(match_templates(one, *seen).support.tolist())
+        seen = near, depth, CAMERA, plate, settings, place, ThreadTeam(1)
+        shares.append(match_templates(one, *seen)[0].support.tolist())
 
         smooth, scale = cv2.medianBlur(depth, 5), 600.0 / (0.6 - one.anchors_cam[0, 2])
         u, v = np.floor(scale * one.surface[0, :2] + [[x + 0.5], [y + 0.5]]).astype(int)
@@ -183,7 +183,8 @@ def test_the_share_of_features_is_that_of_plain_numpy(plate, templates):
         limit = 0.12 * plate.diameter
         there = (behind > limit).sum() <= 4 and (np.abs(behind) > limit).sum() <= 9
         u, v = np.floor(scale * one.offsets[0].T + [[x + 0.5], [y + 0.5]]).astype(int)
-        found = answers[one.directions[0], v, u] / 4.0
+        same, after, before = (near[v, u] >> (one.directions[0] + by) % 8 & 1 for by in (0, 1, 7))
+        found = np.where(same, 1.0, np.where(after | before, 0.5, 0.0))
         enough = there and min(found[:16].mean(), found.mean()) >= 0.49
         expected.append([found.mean()] if enough else [])
     assert 20 < sum(map(len, expected)) < 0.8 * len(expected)
@@ -196,8 +197,8 @@ def test_an_object_without_enough_edges_has_no_templates(plate):
     none = build_templates(small, SETTINGS)
     assert len(none.offsets) == 0
     rgb, depth, _ = scene(plate, 0.0)
-    answers = spread_edges(color_edges(rgb), SETTINGS.reach)
-    found = match_templates(none, answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
+    near = spread_edges(color_edges(rgb), SETTINGS.reach)
+    found, _ = match_templates(none, near, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
     assert found.poses_cam_obj.shape == (0, 4, 4)
 
 

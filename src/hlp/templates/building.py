@@ -43,7 +43,7 @@ class TemplateSettings(Settings):
 
     views: Annotated[int, Ge(1), Le(2562), Doc("viewpoints over the whole sphere (D)")] = 42
     turns: Annotated[int, Ge(1), Le(360), Doc("turns about the optical axis, of 360° (D)")] = 24
-    features: Annotated[int, Ge(8), Le(512), Doc("edge points of a template (D)")] = 48
+    features: Annotated[int, Ge(16), Le(512), Doc("edge points of a template (D)")] = 48
     step: Annotated[int, Ge(1), Le(64), Unit("px"), Doc("between places in the image (D)")] = 8
     reach: Annotated[
         int, Ge(0), Le(32), Unit("px"), Doc("distance at which an edge still counts (D)")

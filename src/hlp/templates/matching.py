@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int8, Int32, UInt8
+from jaxtyping import Float, Float32, Int, Int8, Int32, UInt8
 
 from hlp.arrays import CameraMatrix, Image, Mask, Pixels, Points, Poses, Rows
 from hlp.geometry import allocentric_to_egocentric, rigid, transform
@@ -14,8 +14,8 @@ from hlp.records import Hypotheses, ObjectModel
 from hlp.templates.building import DIRECTIONS, SURFACE, Templates, TemplateSettings
 from hlp.threads import ThreadTeam
 
-_SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
-_FIRST = 16  # features after which a place that has too few of them is left
+_SAME, _BESIDE = 4, 2  # answer to an edge of the feature's direction, and of the next ones
+_FIRST = 16  # features after which a place that has too few of them is left; none has fewer
 _DEPTH_LIMIT = 0.12  # of the diameter: a point of the surface that is farther off is missing
 _MOST_MISSING, _MOST_UNSEEN = 4, 9  # such points; those, and points behind something (D)
 _LEAST_COSINE = 0.7  # of the angle between the normals at an anchor and at a place (D)
@@ -28,17 +28,12 @@ _NEAREST = 0.1  # m: the nearest depth
 _SAME_SHIFT, _SAME_TURN = 0.08, np.deg2rad(14.0)  # of the diameter: matches of one pose
 
 
-def spread_edges(directions: Int8[np.ndarray, "h w"], reach: int) -> UInt8[np.ndarray, "8 h w"]:
-    """How well each pixel answers to a feature of each direction, by the edges around it."""
+def spread_edges(directions: Int8[np.ndarray, "h w"], reach: int) -> UInt8[np.ndarray, "h w"]:
+    """The directions of the edges around each pixel: a bit for each eighth of half a turn."""
     near = np.zeros(directions.shape, dtype=np.uint8)
     offsets = np.argwhere(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2))
     _mark(directions, np.ascontiguousarray(offsets - reach), near)
-    codes = np.arange(256)
-    tables = np.zeros((DIRECTIONS, 256), dtype=np.uint8)
-    for k in range(DIRECTIONS):
-        beside = codes >> ((k + 1) % DIRECTIONS) | codes >> ((k - 1) % DIRECTIONS)
-        tables[k] = np.where(codes >> k & 1, _SAME, np.where(beside & 1, _BESIDE, 0))
-    return np.stack([cv2.LUT(near, table) for table in tables])
+    return near
 
 
 @compiled_ahead()
@@ -61,23 +56,25 @@ def _mark(
 
 def match_templates(
     templates: Templates,
-    answers: UInt8[np.ndarray, "8 h w"],
+    near: UInt8[np.ndarray, "h w"],
     depth: Image,
     camera_matrix: CameraMatrix,
     model: ObjectModel,
     settings: TemplateSettings,
     mask: Mask | None,
     team: ThreadTeam,
-) -> Hypotheses:
+) -> tuple[Hypotheses, Int[np.ndarray, "2 b"]]:
     """Lay every template on a grid of places with depth (in the `mask`); the best matches.
 
-    Of nearly equal poses only the best is kept; its support is the share of features found.
+    Of nearly equal poses only the best is kept; its support is the share of features found. `near`
+    are the directions of near edges (`spread_edges`). The second value are the places (x, y) where
+    none matches: where less depth is left, none will.
     """
     known = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32)
     smooth = cv2.medianBlur(known, _MEDIAN)
     places = _grid_places(smooth, mask, settings.step, camera_matrix, _STEP * model.diameter)
     limits = _DEPTH_LIMIT * model.diameter, settings.least_match
-    shares, rows = _best_at(places, templates, answers, smooth, camera_matrix[0, 0], limits, team)
+    shares, rows = _best_at(places, templates, near, smooth, camera_matrix[0, 0], limits, team)
     place, column = np.nonzero(shares >= settings.least_match)
     order = np.argsort(-shares[place, column], kind="stable")
     place, column = place[order], column[order]
@@ -89,7 +86,8 @@ def match_templates(
     shift, trace = _SAME_SHIFT * model.diameter, 1.0 + 2.0 * np.cos(_SAME_TURN)
     best = best[: _choose_different(centers, rotations, shift, trace, best)]
     poses = rigid(rotations[best], centers[best] - rotations[best] @ model.centroid)
-    return Hypotheses(poses, found[best].astype(np.float64))
+    barren = places.pixels[shares[:, 0] < settings.least_match].T.astype(np.int64)
+    return Hypotheses(poses, found[best].astype(np.float64)), barren
 
 
 class _Places(NamedTuple):
@@ -132,7 +130,7 @@ def _grid_places(
 def _best_at(
     places: _Places,
     templates: Templates,
-    answers: UInt8[np.ndarray, "8 h w"],
+    near: UInt8[np.ndarray, "h w"],
     depth: Float32[np.ndarray, "h w"],
     focal: float,
     limits: tuple[float, float],
@@ -147,17 +145,24 @@ def _best_at(
     # Around the image lies a border, so that no point of a template need be looked for outside it.
     border = min(int(focal * far / nearest), max(depth.shape) // 2) + 1
     wide = np.pad(depth, border)  # what lies there is not seen
-    wide_answers = np.pad(answers, ((0, 0), (border, border), (border, border)))
+    wide_near, answers = np.pad(near, border), _answers()
     pixels = places.pixels + np.float32(border + 0.5)
     most, least = (np.float32(limit) for limit in limits)
     scales = np.float32(focal), np.float32(border / far)
 
     def scan(a: int, b: int) -> None:
-        seen = wide_answers, wide, pixels[a:b], places.depths[a:b], places.normals[a:b]
+        seen = wide_near, answers, wide, pixels[a:b], places.depths[a:b], places.normals[a:b]
         _scan(*seen, templates, ahead, (*scales, most, least), shares[a:b], rows[a:b])
 
     team.map_ranges(scan, len(shares))
     return shares, rows
+
+
+def _answers() -> UInt8[np.ndarray, "8 256"]:
+    """How well a feature of each direction is answered by edges near it, by their bits."""
+    own, bits = np.arange(DIRECTIONS)[:, None], np.arange(256)
+    same, *beside = (bits >> (own + by) % DIRECTIONS & 1 for by in (0, 1, -1))
+    return np.where(same, _SAME, np.where(np.any(beside, axis=0), _BESIDE, 0)).astype(np.uint8)
 
 
 def _points_at(depth: Image, x: Rows, y: Rows, camera_matrix: CameraMatrix) -> Points:
@@ -186,7 +191,8 @@ def at_different_places(poses_cam_obj: Poses, model: ObjectModel, most: int) -> 
 
 @compiled_ahead(fastmath=True)
 def _scan(
-    answers: UInt8[np.ndarray, "8 h w"],
+    near: UInt8[np.ndarray, "h w"],
+    answers: UInt8[np.ndarray, "8 256"],
     depth: Float32[np.ndarray, "h w"],
     pixels: Float32[np.ndarray, "p 2"],
     depths: Float32[np.ndarray, "p"],
@@ -199,11 +205,13 @@ def _scan(
 ) -> None:
     """The best templates at each place, and the shares of their features that the image has.
 
-    The `limits` are the focal length, the largest scale (px / m), and those of depth and share.
+    Few templates find their first features, so these are looked at before the surface. The
+    `limits` are the focal length, the largest scale (px / m), and those of depth and share.
     """
     offsets, directions, surface = templates.offsets, templates.directions, templates.surface
-    facing, fewest = templates.normals_cam, limits[3] * np.float32(_SAME * _FIRST)
-    count, least = offsets.shape[1], np.float32(_LEAST_COSINE)
+    count, width, facing = offsets.shape[1], np.int32(near.shape[1]), templates.normals_cam
+    fewest, least = limits[3] * np.float32(_SAME * _FIRST), np.float32(_LEAST_COSINE)
+    bits, table = near.reshape(-1), answers.reshape(-1)
     for p in range(len(pixels)):
         x_0, y_0 = pixels[p, 0], pixels[p, 1]
         n_x, n_y, n_z = normals[p, 0], normals[p, 1], normals[p, 2]
@@ -214,16 +222,18 @@ def _scan(
             scale = limits[0] / (depths[p] - ahead[t])
             if not 0.0 < scale <= limits[1]:
                 continue
-            if not _is_seen(depth, depths[p], x_0, y_0, scale, surface[t], limits[2]):
-                continue
-            found = 0
+            found = np.int32(0)
             for k in range(count):
-                x, y = int(x_0 + scale * offsets[t, k, 0]), int(y_0 + scale * offsets[t, k, 1])
-                found += answers[directions[t, k], y, x]
-                if k == _FIRST - 1 and found < fewest:
+                x = np.int32(x_0 + scale * offsets[t, k, 0])
+                y = np.int32(y_0 + scale * offsets[t, k, 1])
+                found += table[np.uint32(256 * directions[t, k]) + bits[np.uint32(y * width + x)]]
+                if k == _FIRST - 1 and (
+                    found < fewest
+                    or not _is_seen(depth, depths[p], x_0, y_0, scale, surface[t], limits[2])
+                ):
+                    found = np.int32(0)
                     break
-            share = np.float32(found) / np.float32(_SAME * count)
-            _keep(share, t, shares[p], rows[p])
+            _keep(np.float32(found) / np.float32(_SAME * count), t, shares[p], rows[p])
 
 
 @compiled(inline="always")

@@ -38,8 +38,8 @@ _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as the
 class FrameContext:
     """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`.
 
-    `mask` is where objects are looked for, None: everywhere. `observer` is told which part of a
-    search begins. `refined` is what was refined of each object so far.
+    `mask` is where to look, None: everywhere. `observer` is told which part of a search begins.
+    Of each object, `refined` is what was refined so far, `barren` where none of its templates fits.
     """
 
     estimator: "PoseEstimator"
@@ -52,9 +52,9 @@ class FrameContext:
 
     def __post_init__(self) -> None:
         self.refined: dict[int, KnownRefinements] = defaultdict(dict)
+        self.barren: dict[int, Mask] = defaultdict(partial(np.zeros_like, self.frame.depth, bool))
         rgb = self.frame.rgb  # without `self`, so that a frame's memory is free with the context
-        self.edge_answers = cache(lambda reach: spread_edges(color_edges(rgb), reach))
-        """What templates are compared with: see `templates.matching.spread_edges`."""
+        self.near_edges = cache(lambda reach: spread_edges(color_edges(rgb), reach))
 
     @cached_property
     def observation(self) -> Observation:
@@ -223,16 +223,17 @@ class PoseEstimator:
     ) -> Hypotheses:
         """Coarse poses where the image has the edges of the object's templates.
 
-        There are more of them for several `instances`. Where something else explains the depth
-        already, which `unexplained` then lacks, none is looked for.
+        There are more for several `instances`; none where `unexplained` has no depth any more.
         """
         settings, model = self.settings.fine.templates, self.learnt.models[object_id]
         assert settings is not None
         context.observer("templates")
-        templates = self._templates(object_id, settings)
         seen = context.observation if unexplained is None else unexplained
-        view = context.edge_answers(settings.reach), seen.depth, seen.camera_matrix
-        found = match_templates(templates, *view, model, settings, context.mask, self.team)
+        near, barren = context.near_edges(settings.reach), context.barren[object_id]
+        where = ~barren if context.mask is None else context.mask & ~barren
+        of = near, seen.depth, seen.camera_matrix, model, settings, where, self.team
+        found, (x, y) = match_templates(self._templates(object_id, settings), *of)
+        barren[y, x] = True
         poses = align_to_depth(found.poses_cam_obj, model, seen)
         costs = self.verifier(object_id).costs(context.observation, poses)
         order = np.argsort(costs - settings.match_weight * found.support, kind="stable")
