@@ -101,15 +101,10 @@ class ScoreModel(Stored):
 
     def _compared(self, fits: Sequence[PoseFit], scores: Values) -> Values:
         """What is added to the logit of each, for how well the surest others fit."""
-        weights = np.tile(scores**2, (len(fits), 1))
-        np.fill_diagonal(weights, 0.0)
-        total = weights.sum(axis=1, keepdims=True)
-        own = np.array([(fit.cost, fit.edge) for fit in fits])
-        others = weights @ own / np.maximum(total, _ENOUGH)
-        worse = np.maximum(own - others - _USUAL, 0.0) @ _WORSE
+        _, others, enough = _beside_others(fits, scores)
         level = others @ np.array([self.cost, self.edge])
         forgiven = np.clip(_LEVEL - level, 0.0, _FORGIVEN)
-        return np.where(total[:, 0] < _ENOUGH, 0.0, forgiven - worse)
+        return np.where(enough, forgiven, 0.0) - worse_than_others(fits, scores)
 
     @property
     def colorless(self) -> bool:
@@ -119,6 +114,24 @@ class ScoreModel(Stored):
     def weights(self, more: float = 0.0) -> Float[np.ndarray, "5"]:
         """Bias and what is added to it, cost, shape, edge and hidden, in this order."""
         return np.array([self.bias + more, self.cost, self.shape, self.edge, self.hidden])
+
+
+def worse_than_others(fits: Sequence[PoseFit], scores: Values) -> Values:
+    """What the logit of each falls by if it fits clearly worse than the surest other instances."""
+    own, others, enough = _beside_others(fits, scores)
+    return np.where(enough, np.maximum(own - others - _USUAL, 0.0) @ _WORSE, 0.0)
+
+
+def _beside_others(
+    fits: Sequence[PoseFit], scores: Values
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Flags]:
+    """Cost and edge of each fit, and of the surest others, and whether those are sure enough."""
+    weights = np.tile(scores**2, (len(fits), 1))
+    np.fill_diagonal(weights, 0.0)
+    total = weights.sum(axis=1)
+    own = np.array([(fit.cost, fit.edge) for fit in fits])
+    others = weights @ own / np.maximum(total, _ENOUGH)[:, None]
+    return own, others, total >= _ENOUGH
 
 
 PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)

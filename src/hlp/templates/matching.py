@@ -139,20 +139,22 @@ def _best_at(
     """The best templates at each place: shares of their features that are found, and rows."""
     shares = np.zeros((len(places.pixels), _PER_PLACE), dtype=np.float32)
     rows = np.full(shares.shape, -1, dtype=np.int32)
-    ahead = templates.anchors_cam[:, 2].astype(np.float32)
     far = max(np.abs(templates.offsets).max(initial=1e-6), np.abs(templates.surface).max(initial=0))
-    nearest = max(places.depths.min(initial=np.inf) - ahead.max(initial=0.0), _NEAREST)
+    nearest = max(
+        places.depths.min(initial=np.inf) - templates.anchors_cam[:, 2].max(initial=0.0), _NEAREST
+    )
     # Around the image lies a border, so that no point of a template need be looked for outside it.
     border = min(int(focal * far / nearest), max(depth.shape) // 2) + 1
     wide = np.pad(depth, border)  # what lies there is not seen
     wide_near, answers = np.pad(near, border), _answers()
-    pixels = places.pixels + np.float32(border + 0.5)
+    moved = places._replace(pixels=places.pixels + np.float32(border + 0.5))
     most, least = (np.float32(limit) for limit in limits)
     scales = np.float32(focal), np.float32(border / far)
 
     def scan(a: int, b: int) -> None:
-        seen = wide_near, answers, wide, pixels[a:b], places.depths[a:b], places.normals[a:b]
-        _scan(*seen, templates, ahead, (*scales, most, least), shares[a:b], rows[a:b])
+        some = _Places(*(part[a:b] for part in moved))
+        limits = *scales, most, least
+        _scan(wide_near, answers, wide, some, templates, limits, shares[a:b], rows[a:b])
 
     team.map_ranges(scan, len(shares))
     return shares, rows
@@ -194,11 +196,8 @@ def _scan(
     near: UInt8[np.ndarray, "h w"],
     answers: UInt8[np.ndarray, "8 256"],
     depth: Float32[np.ndarray, "h w"],
-    pixels: Float32[np.ndarray, "p 2"],
-    depths: Float32[np.ndarray, "p"],
-    normals: Float32[np.ndarray, "p 3"],
+    places: _Places,
     templates: Templates,
-    ahead: Float32[np.ndarray, "t"],
     limits: tuple[np.float32, np.float32, np.float32, np.float32],
     shares: Float32[np.ndarray, "p k"],
     rows: Int32[np.ndarray, "p k"],
@@ -209,30 +208,28 @@ def _scan(
     `limits` are the focal length, the largest scale (px / m), and those of depth and share.
     """
     offsets, directions, surface = templates.offsets, templates.directions, templates.surface
-    count, width, facing = offsets.shape[1], np.int32(near.shape[1]), templates.normals_cam
+    count, width, facing = offsets.shape[1], near.shape[1], templates.normals_cam
     fewest, least = limits[3] * np.float32(_SAME * _FIRST), np.float32(_LEAST_COSINE)
-    bits, table = near.reshape(-1), answers.reshape(-1)
-    for p in range(len(pixels)):
-        x_0, y_0 = pixels[p, 0], pixels[p, 1]
-        n_x, n_y, n_z = normals[p, 0], normals[p, 1], normals[p, 2]
+    edges = near.reshape(-1)
+    for p in range(len(places.pixels)):
+        x_0, y_0, here = places.pixels[p, 0], places.pixels[p, 1], places.depths[p]
+        n_x, n_y, n_z = places.normals[p, 0], places.normals[p, 1], places.normals[p, 2]
         for t in range(len(offsets)):
             cosine = n_x * facing[t, 0] + n_y * facing[t, 1] + n_z * facing[t, 2]
             if cosine < least and cosine != 0.0:  # 0: either has no normal
                 continue
-            scale = limits[0] / (depths[p] - ahead[t])
+            scale = limits[0] / (here - np.float32(templates.anchors_cam[t, 2]))
             if not 0.0 < scale <= limits[1]:
                 continue
             found = np.int32(0)
-            for k in range(count):
-                x = np.int32(x_0 + scale * offsets[t, k, 0])
-                y = np.int32(y_0 + scale * offsets[t, k, 1])
-                found += table[np.uint32(256 * directions[t, k]) + bits[np.uint32(y * width + x)]]
-                if k == _FIRST - 1 and (
-                    found < fewest
-                    or not _is_seen(depth, depths[p], x_0, y_0, scale, surface[t], limits[2])
-                ):
-                    found = np.int32(0)
-                    break
+            for k in range(_FIRST):
+                x, y = x_0 + scale * offsets[t, k, 0], y_0 + scale * offsets[t, k, 1]
+                found += answers[directions[t, k], edges[np.uint32(int(y) * width + int(x))]]
+            if found < fewest or not _is_seen(depth, here, x_0, y_0, scale, surface[t], limits[2]):
+                continue
+            for k in range(_FIRST, count):
+                x, y = x_0 + scale * offsets[t, k, 0], y_0 + scale * offsets[t, k, 1]
+                found += answers[directions[t, k], edges[np.uint32(int(y) * width + int(x))]]
             _keep(np.float32(found) / np.float32(_SAME * count), t, shares[p], rows[p])
 
 

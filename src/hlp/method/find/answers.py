@@ -7,6 +7,7 @@ hardly worse, and one in other colours than the rest.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from hlp.geometry import transform
 from hlp.method.find.estimator import FrameContext
 from hlp.records import ObjectModel
 from hlp.refinement.appearance import BEST_OF_MANY, PartAppearance
-from hlp.refinement.score_model import PRESENT, logits_of, probabilities
+from hlp.refinement.score_model import PRESENT, logits_of, probabilities, worse_than_others
 from hlp.refinement.verification import Observation, Verifier
 
 _SAME_TURN = np.radians(15.0)
@@ -85,6 +86,11 @@ class Chosen(NamedTuple):
             alone = [fits.score_alone(self.object_id, pose) for pose in poses]
             shares = np.stack([self.looks[answer.row].shares for answer in self.answers])
             told += likeness_evidence(shares, logits_of(np.array(alone)) + told + PRESENT)
+        else:  # there may be things like the object; of a known number, all are compared in the end
+            measured = [fits.measure(self.object_id, pose) for pose in poses]
+            each = [replace(m, appearance=t) for m, t in zip(measured, told.tolist(), strict=True)]
+            scores = self.context.estimator.score_model(self.object_id).scores(each)
+            told -= worse_than_others(each, np.array(scores))
         for pose, appearance in zip(poses, told, strict=True):
             fits.set_settled(self.object_id, pose, float(appearance))
 
