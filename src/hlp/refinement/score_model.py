@@ -103,8 +103,8 @@ class ScoreModel(Stored):
         """What is added to the logit of each, for how well the surest others fit."""
         _, others, enough = _beside_others(fits, scores)
         level = others @ np.array([self.cost, self.edge])
-        forgiven = np.clip(_LEVEL - level, 0.0, _FORGIVEN)
-        return np.where(enough, forgiven, 0.0) - worse_than_others(fits, scores)
+        forgiven = enough * np.clip(_LEVEL - level, 0.0, _FORGIVEN)
+        return np.asarray(forgiven - worse_than_others(fits, scores))
 
     @property
     def colorless(self) -> bool:
@@ -119,7 +119,7 @@ class ScoreModel(Stored):
 def worse_than_others(fits: Sequence[PoseFit], scores: Values) -> Values:
     """What the logit of each falls by if it fits clearly worse than the surest other instances."""
     own, others, enough = _beside_others(fits, scores)
-    return np.where(enough, np.maximum(own - others - _USUAL, 0.0) @ _WORSE, 0.0)
+    return np.asarray(enough * (np.maximum(own - others - _USUAL, 0.0) @ _WORSE))
 
 
 def _beside_others(

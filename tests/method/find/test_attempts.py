@@ -11,6 +11,7 @@ from hlp.method.find.attempts import Attempts
 from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY
 from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.refiner import Refinement
 from packed_boxes import PAIR, PAIR_WHOLE, PLACES, POSES, RED, WHITE, box, frame
 
@@ -26,6 +27,7 @@ class Scores:
     def __init__(self, verifier, scores, templates=True):
         self._verifier, self._scores, self._templates = verifier, scores, templates
         self.asked, self.appearances, self.settled, self.turned = [], {}, {}, {}
+        self.costs = {}
 
     def has_templates(self, _):
         return self._templates
@@ -41,6 +43,9 @@ class Scores:
 
     def score_alone(self, _, pose):
         return self.score(_, pose)
+
+    def measure(self, _, pose):
+        return PoseFit(self.costs.get(pose.tobytes(), 0.0), 0.0, 0.0, 1.0, 1.0)
 
     def score(self, _, pose):
         nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
@@ -153,7 +158,10 @@ def test_one_beside_a_sure_one_is_likelier_than_elsewhere(verifier, sure, score,
 
 @pytest.mark.parametrize("color", [WHITE, RED])
 def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color):
-    """Neighbours tell as much as before; where the number is not known, the look does, too."""
+    """Neighbours tell as much as before; where the number is not known, the look does, too.
+
+    There, one that fits worse than the surest other one is less likely.
+    """
     told = {}
     for other in (1, 2):
         context = frame(verifier, WHITE, color, color)
@@ -170,6 +178,11 @@ def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color
     tried = attempts(estimator, context, 2, refined(POSES[0], POSES[2]), min_score=0.3)
     tried.merged()
     assert estimator.settled == {key: estimator.appearances[key] for key in estimator.settled}
+    first, worse = (POSES[row].tobytes() for row in (0, 2))
+    estimator.costs[worse] = 0.15
+    tried.merged()
+    assert estimator.settled[first] == estimator.appearances[first]
+    assert estimator.settled[worse] == pytest.approx(estimator.appearances[worse] - 30.0 * 0.1)
 
 
 def test_the_likelier_another_pose_at_its_place_the_less_likely_is_an_answer(verifier, monkeypatch):

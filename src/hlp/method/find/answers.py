@@ -7,7 +7,6 @@ hardly worse, and one in other colours than the rest.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -82,15 +81,14 @@ class Chosen(NamedTuple):
         for row, pose in enumerate(poses):
             elsewhere = [*poses[:row], *poses[row + 1 :], *divided]
             told[row] += self._rival_evidence(pose, others, np.reshape(elsewhere, (-1, 4, 4)))
+        alone = [fits.score_alone(self.object_id, pose) for pose in poses]
+        logits = logits_of(np.array(alone)) + told
         if self.known:
-            alone = [fits.score_alone(self.object_id, pose) for pose in poses]
             shares = np.stack([self.looks[answer.row].shares for answer in self.answers])
-            told += likeness_evidence(shares, logits_of(np.array(alone)) + told + PRESENT)
-        else:  # there may be things like the object; of a known number, all are compared in the end
+            told += likeness_evidence(shares, logits + PRESENT)
+        else:  # some may be other things; `ScoreModel.scores` compares those of a known number
             measured = [fits.measure(self.object_id, pose) for pose in poses]
-            each = [replace(m, appearance=t) for m, t in zip(measured, told.tolist(), strict=True)]
-            scores = self.context.estimator.score_model(self.object_id).scores(each)
-            told -= worse_than_others(each, np.array(scores))
+            told -= worse_than_others(measured, probabilities(logits))
         for pose, appearance in zip(poses, told, strict=True):
             fits.set_settled(self.object_id, pose, float(appearance))
 
