@@ -3,7 +3,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hlp.evaluation import WaterfallSettings
 from hlp.evaluation.waterfall import (
     CAUSES,
     CORRECT,
@@ -16,8 +15,6 @@ from hlp.evaluation.waterfall import (
     vote_quality,
 )
 from hlp.records import TargetScore
-
-BOUNDS = WaterfallSettings()
 
 
 def _none(count):
@@ -63,24 +60,24 @@ FLIPPED = dataclasses.replace(FINE, flipped=True)
     ],
 )
 def test_every_cause_has_its_case(cause, results):
-    assert cause_of(results, BOUNDS) == cause
+    assert cause_of(results) == cause
 
 
 def test_at_its_bound_a_stage_still_did_its_part():
     at_bounds = _with(NOT_NEAR, good_votes=5, in_region=250, windows=1)
-    assert cause_of(_with(at_bounds, with_depth=500), BOUNDS) == "outside_basin"
+    assert cause_of(_with(at_bounds, with_depth=500)) == "outside_basin"
 
 
 def test_a_later_stage_that_did_its_part_clears_those_before_it():
     lucky = dataclasses.replace(NO_DEPTH, near_basin=FINE.near_basin)
-    assert cause_of(lucky, BOUNDS) == "refiner_diverged"
-    assert cause_of(dataclasses.replace(lucky, right=FINE.right), BOUNDS) == "ranking"
+    assert cause_of(lucky) == "refiner_diverged"
+    assert cause_of(dataclasses.replace(lucky, right=FINE.right)) == "ranking"
 
 
 def test_a_hidden_target_without_any_hypothesis_has_no_window():
     counts = TargetCounts(0, 0, 0, 0, 0)
     nothing = TargetResults(counts, _none(0), np.zeros(0, dtype=int), _none(0), False)
-    assert cause_of(nothing, BOUNDS) == "no_window"
+    assert cause_of(nothing) == "no_window"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.evaluation import EvaluationSettings, WaterfallSettings
+from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.waterfall import VoteCounts
 from hlp.geometry import project, rigid, transform
 from hlp.method.find.trace import STAGES, ObjectTrace
@@ -23,9 +23,7 @@ from refinement_scene import model_of
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
 SHAPE = (120, 160)
-SETTINGS = EvaluationSettings(
-    "test", [], 0.1, 5.0, 5.0, 0.5, 100, WaterfallSettings(30, 30, 15, 20, 5, 0.25, 0.5, 0.1)
-)
+SETTINGS = EvaluationSettings("test", [], 0.1, 5.0, 5.0, 0.5, 100)
 NEAR = rigid(Rotation.from_rotvec([0.4, 0.2, 0.1]).as_matrix(), np.array([-0.05, 0.0, 0.8]))
 FAR = rigid(Rotation.from_rotvec([-0.4, 0.3, 0.0]).as_matrix(), np.array([0.06, 0.0, 0.9]))
 MODEL = model_of(trimesh.creation.box((0.06, 0.08, 0.10)).subdivide())

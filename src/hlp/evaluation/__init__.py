@@ -1,43 +1,14 @@
 """Pose errors, verdicts on targets, recalls, causes of misses; here the settings of them all."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
 from annotated_types import Interval, Le
 
 from hlp.records import ObjectModel
-from hlp.settings import Count, Doc, NotNegative, Positive, Settings, Share
+from hlp.settings import Count, Doc, Positive, Settings
 
 _Part = Annotated[float, Interval(gt=0, le=1)]
-
-
-@dataclass(frozen=True)
-class WaterfallSettings(Settings):
-    """What the failure waterfall and the votes' quality call near, enough and most (D)."""
-
-    basin_deg: Annotated[
-        NotNegative,
-        Doc("a coarse pose is in the refiner's basin if its rotation is within this … (D)"),
-    ] = 30.0
-    basin_mm: Annotated[NotNegative, Doc("… and its centroid within this of the truth (D)")] = 30.0
-    vote_deg: Annotated[NotNegative, Doc("a vote is good if its rotation is within this … (D)")] = (
-        15.0
-    )
-    vote_mm: Annotated[NotNegative, Doc("… and its centroid within this of the truth (D)")] = 20.0
-    good_votes: Annotated[Count, Doc("fewer good votes are too few for a hypothesis (D)")] = 5
-    region_share: Annotated[
-        _Part, Doc("fraction of the visible part of the object that a region must cover (D)")
-    ] = 0.25
-    depth_share: Annotated[_Part, Doc("fraction of the visible part that must have depth (D)")] = (
-        0.5
-    )
-    flip_fraction: Annotated[
-        Share,
-        Doc(
-            "a pose outside the basin with ADD-S below this fraction of the diameter is right "
-            "except for a (near) symmetry (D)"
-        ),
-    ] = 0.1
 
 
 @dataclass(frozen=True)
@@ -59,7 +30,6 @@ class EvaluationSettings(Settings):
     rotation_deg: Annotated[Positive, Doc("limit of 5cm5deg (P)")] = 5.0
     iou: Annotated[_Part, Doc("smallest overlap of the projected boxes (P)")] = 0.5
     bootstrap: Annotated[Count, Le(100_000), Doc("resamplings for a 95 % interval (D)")] = 1000
-    waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
 
     def is_symmetric(self, model: ObjectModel) -> bool:
         """Whether an object counts as symmetric."""

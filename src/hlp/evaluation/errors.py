@@ -20,6 +20,9 @@ from hlp.records import ObjectModel
 
 VSD_DELTA = 0.015
 """BOP's tolerance (m): a surface counts as visible up to this far behind the observed depth."""
+BASIN = 30.0, 30.0
+"""Degrees and mm from the truth within which a coarse pose is in the refiner's basin (D)."""
+_FLIPPED = 0.1  # of the diameter: ADD-S of a pose that is right but for a turn (D)
 _MOTIONS = 1024  # symmetric poses at a time: 10 000 with 3000 votes would take 2 GB
 
 
@@ -161,9 +164,8 @@ def is_symmetric_flip(
     It is turned by more than the refiner's basin, and yet its ADD-S is small. Always False for
     objects that the policy calls symmetric: their turned poses are right.
     """
-    bounds = settings.waterfall
-    turned = rotation_error(pose, true) > np.deg2rad(bounds.basin_deg)
+    turned = rotation_error(pose, true) > np.deg2rad(BASIN[0])
     if settings.is_symmetric(model) or not turned:
         return False
     vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
-    return add_s(pose, true, vertices) < bounds.flip_fraction * model.diameter
+    return add_s(pose, true, vertices) < _FLIPPED * model.diameter

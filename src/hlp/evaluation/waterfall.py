@@ -25,7 +25,6 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.arrays import Flags, Rows
-from hlp.evaluation import WaterfallSettings
 from hlp.records import TargetScore
 from hlp.results.recalls import CORRECT
 
@@ -47,6 +46,8 @@ CAUSES = (
 VISIBILITY = {"0-0.1": 0.1, "0.1-0.3": 0.3, "0.3-0.6": 0.6, "0.6-1": np.inf}
 """Classes of the visible fraction, and the upper bound of each (exclusive)."""
 UNSTATED = "not stated"
+_WITH_DEPTH, _IN_REGION = 0.5, 0.25  # of the visible part, at least (D)
+_GOOD_VOTES = 5  # that make a hypothesis, at least (D)
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class TargetResults:
     flipped: bool
 
 
-def cause_of(results: TargetResults, settings: WaterfallSettings) -> str:
+def cause_of(results: TargetResults) -> str:
     """The cause of a miss; the module's docstring lists the causes in the order of the checks."""
     counts = results.counts
     checks = (
@@ -88,10 +89,10 @@ def cause_of(results: TargetResults, settings: WaterfallSettings) -> str:
         ("ranking", bool(results.right.any())),
         ("refiner_diverged", bool(results.near_basin[results.refined].any())),
         ("screening", bool(results.near_basin.any())),
-        ("depth_missing", counts.with_depth < settings.depth_share * counts.visible),
+        ("depth_missing", counts.with_depth < _WITH_DEPTH * counts.visible),
         ("no_window", counts.windows == 0),
-        ("wrong_region", counts.in_region < settings.region_share * counts.visible),
-        ("few_votes", counts.good_votes < settings.good_votes),
+        ("wrong_region", counts.in_region < _IN_REGION * counts.visible),
+        ("few_votes", counts.good_votes < _GOOD_VOTES),
     )
     return next((cause for cause, applies in checks if applies), "outside_basin")
 

@@ -17,7 +17,7 @@ from hlp.data.dataset import Dataset, FrameSource, annotated_mask
 from hlp.errors import DataError
 from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.bop_recalls import unoccluded_mask
-from hlp.evaluation.errors import is_symmetric_flip, near_truth
+from hlp.evaluation.errors import BASIN, is_symmetric_flip, near_truth
 from hlp.evaluation.evaluator import FrameTruth, add_correct
 from hlp.evaluation.waterfall import TargetCounts, TargetResults, VoteCounts, cause_of
 from hlp.geometry import transform
@@ -26,6 +26,8 @@ from hlp.progress import Progress
 from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, frame_key
 from hlp.stages.detection import DetectionStages
 from hlp.stages.trace_files import read_trace
+
+_GOOD = 15.0, 20.0  # degrees and mm of a good vote from the truth (D)
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,6 @@ def note_frame(
     dataset: Dataset, frame: Frame, trace: Trace, settings: EvaluationSettings
 ) -> FrameNotes:
     """Count what the stages found in a frame; a vote is good near the true pose of any target."""
-    bounds = (settings.waterfall.vote_deg, settings.waterfall.vote_mm)
     counted: list[VoteCounts] = []
     notes: list[tuple[Target, TargetCounts]] = []
     for object_id in dict.fromkeys(target.object_id for target in frame.targets):
@@ -56,7 +57,7 @@ def note_frame(
         for target in frame.targets:
             if target.object_id == object_id:
                 places = votes.rotations_cam_obj, votes.centroids_cam, target.pose_cam_obj
-                good.append(near_truth(*places, model, settings, bounds))
+                good.append(near_truth(*places, model, settings, _GOOD))
                 shown.append(visible_pixels(dataset.frames, frame, target, model))
                 counts = _count(frame, shown[-1], region, int(good[-1].sum()))
                 notes.append((target, counts))
@@ -112,7 +113,7 @@ def explain_misses(
             assert not isinstance(trace, str)  # what has failed has no notes
             model = detection.dataset.models[target.object_id]
             results = _results(trace[target.object_id], target, counts, model, settings)
-            score = dataclasses.replace(score, cause=cause_of(results, settings.waterfall))
+            score = dataclasses.replace(score, cause=cause_of(results))
         explained.append(score)
     return explained
 
@@ -129,12 +130,11 @@ def _results(
     refined = [] if fine is None else [pose.pose_cam_obj for pose in fine.refined]
     chosen = [] if fine is None else fine.chosen_poses
     sources = np.zeros(0, dtype=int) if fine is None else fine.sources
-    basin = (settings.waterfall.basin_deg, settings.waterfall.basin_mm)
     poses = coarse.poses_cam_obj
     places = poses[:, :3, :3], transform(poses, model.centroid[None])[:, 0]
     return TargetResults(
         counts,
-        near_basin=near_truth(*places, true, model, settings, basin),
+        near_basin=near_truth(*places, true, model, settings, BASIN),
         refined=sources[sources >= 0],  # the others come from the fallback
         right=add_correct(np.reshape(refined, (-1, 4, 4)), true, model, settings),
         flipped=any(is_symmetric_flip(pose, true, model, settings) for pose in chosen),

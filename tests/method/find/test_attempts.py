@@ -26,8 +26,7 @@ class Scores:
 
     def __init__(self, verifier, scores, templates=True):
         self._verifier, self._scores, self._templates = verifier, scores, templates
-        self.asked, self.appearances, self.settled, self.turned = [], {}, {}, {}
-        self.costs = {}
+        self.asked, self.appearances, self.settled, self.turned, self.costs = [], {}, {}, {}, {}
 
     def has_templates(self, _):
         return self._templates
@@ -65,10 +64,8 @@ class Scores:
 def refined(*poses):
     if not poses:
         return None
-    numbers = np.arange(len(poses))
-    seeds = np.zeros((len(poses), 2), int)
-    found = [Refinement(pose, 1) for pose in poses]
-    return RefinedHypotheses(found, np.zeros(len(poses)), numbers, seeds, (0,))
+    found, seeds = [Refinement(pose, 1) for pose in poses], np.zeros((len(poses), 2), int)
+    return RefinedHypotheses(found, np.zeros(len(poses)), np.arange(len(poses)), seeds, (0,))
 
 
 def attempts(estimator, context, instances, *searches, min_score=None):
@@ -86,9 +83,8 @@ def found_places(tried):
 
 
 def test_one_after_another_packed_neighbours_are_found(verifier):
-    context = frame(verifier, WHITE, WHITE, WHITE)
     estimator = Scores(verifier, [0.9, 0.6, 0.7, 0.0])
-    tried = attempts(estimator, context, 3, refined(POSES[0]))
+    tried = attempts(estimator, frame(verifier, WHITE, WHITE, WHITE), 3, refined(POSES[0]))
     tried.search_neighbours()
     assert found_places(tried) == [0, 2, 1]
     # beside the first one, then beside the second
@@ -158,10 +154,7 @@ def test_one_beside_a_sure_one_is_likelier_than_elsewhere(verifier, sure, score,
 
 @pytest.mark.parametrize("color", [WHITE, RED])
 def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color):
-    """Neighbours tell as much as before; where the number is not known, the look does, too.
-
-    There, one that fits worse than the surest other one is less likely.
-    """
+    """Neighbours tell as much as before; of an unknown number the look, too, and a worse fit."""
     told = {}
     for other in (1, 2):
         context = frame(verifier, WHITE, color, color)
@@ -178,11 +171,10 @@ def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color
     tried = attempts(estimator, context, 2, refined(POSES[0], POSES[2]), min_score=0.3)
     tried.merged()
     assert estimator.settled == {key: estimator.appearances[key] for key in estimator.settled}
-    first, worse = (POSES[row].tobytes() for row in (0, 2))
-    estimator.costs[worse] = 0.15
+    estimator.costs[POSES[2].tobytes()] = 0.15
     tried.merged()
-    assert estimator.settled[first] == estimator.appearances[first]
-    assert estimator.settled[worse] == pytest.approx(estimator.appearances[worse] - 30.0 * 0.1)
+    fallen = [estimator.appearances[key] - told for key, told in estimator.settled.items()]
+    assert fallen == pytest.approx([0.0, 30.0 * (0.15 - 0.05)])
 
 
 def test_the_likelier_another_pose_at_its_place_the_less_likely_is_an_answer(verifier, monkeypatch):
@@ -214,8 +206,7 @@ def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(
 ):
     context, pair = frame(verifier, WHITE, WHITE, WHITE), refined(POSES[0], POSES[1])
     estimator = Scores(verifier, [first, 0.9, 0.0, 0.0])
-    tried = attempts(estimator, context, 2, pair, min_score=min_score)
-    assert found_places(tried) == found
+    assert found_places(attempts(estimator, context, 2, pair, min_score=min_score)) == found
 
 
 @pytest.mark.parametrize(("min_score", "right"), [(None, True), (0.5, False)])
@@ -274,11 +265,8 @@ def test_two_parts_taken_for_one_are_as_likely_as_it_was(second, parts, neighbou
     if neighbours:
         tried.search_neighbours()
     tried.search_instead()  # it may bring another such answer forward
-    likely = tried.poses(0.5)
-    assert len(likely) == parts
-    places = PAIR if parts == 2 else PAIR_WHOLE[None]
-    found = sorted(pose[0, 3] for pose in likely)
-    np.testing.assert_allclose(found, places[:, 0, 3], atol=1e-6)
+    found, places = tried.poses(0.5), PAIR if parts == 2 else PAIR_WHOLE[None]
+    np.testing.assert_allclose(sorted(pose[0, 3] for pose in found), places[:, 0, 3], atol=1e-6)
 
 
 def test_parts_that_do_not_fit_at_all_are_one():
@@ -299,8 +287,7 @@ def test_parts_of_what_was_divided_are_not_divided(monkeypatch):
     verifier = box((0.04, 0.1, 0.08))
     context = frame(verifier, WHITE, (150, 150, 150), poses=PAIR)
     tried = attempts(Whole(verifier, context.observation), context, 2, refined(PAIR_WHOLE))
-    looked, elsewhere = [], []
-    within = attempts_module.poses_within
+    looked, elsewhere, within = [], [], attempts_module.poses_within
     monkeypatch.setattr(
         attempts_module, "poses_within", lambda *given: looked.append(given[2]) or within(*given)
     )
