@@ -65,14 +65,3 @@ def test_what_others_hide_is_where_they_are_in_front_and_nearer_to_what_was_seen
     assert not own.hidden_by([], depth).any()
     far = ObjectDepth.of(MESH, pose(0.17, 0.1), CAMERA, SHAPE)
     assert not own.hidden_by([far], depth).any()
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.02, 0.05, 0.3])
-def test_shared_pixels_are_counted_against_the_smaller_silhouette(shift):
-    own = ObjectDepth.of(MESH, pose(0.0, 0.0), CAMERA, SHAPE)
-    other = ObjectDepth.of(MESH, pose(shift, 0.01, 0.7), CAMERA, SHAPE)
-    first, second = whole(own) > 0, whole(other) > 0
-    expected = np.count_nonzero(first & second) / max(np.count_nonzero(second), 1)
-    assert own.shared_with(other) == other.shared_with(own) == expected
-    behind = ObjectDepth.of(MESH, pose(0.0, 0.0, -1.0), CAMERA, SHAPE)
-    assert own.shared_with(behind) == behind.shared_with(own) == 0.0

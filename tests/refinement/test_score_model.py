@@ -56,19 +56,29 @@ def known_score(model, fit):
 
 
 def test_of_several_without_colours_one_that_fits_worse_than_the_surest_is_less_likely_right():
-    """Beside its own logit: 30 and 15 for cost and edge, beyond .05 more than those of others."""
-    looks = [(0.10, 0.02, 0.6), (0.12, 0.05, 0.4), (0.22, 0.03, 0.5), (0.11, 0.14, 0.5)]
-    fits = [PoseFit(cost, z, z, 1.0, 1.0, edge=edge) for cost, edge, z in looks]
+    """Beside its own logit: 30 and 15 for cost and edge, beyond .05 more than those of others.
+
+    What is hidden is no part of the cost; others that cost .05 more count e times less.
+    """
+    looks = [
+        (0.1, 0.02, 0.6, 0.9),
+        (0.12, 0.05, 0.4, 1),
+        (0.22, 0.03, 0.5, 1),
+        (0.11, 0.14, 0.5, 1),
+    ]
+    fits = [PoseFit(cost, z, z, 1.0, seen, edge=edge) for cost, edge, z, seen in looks]
     alone = np.array([known_score(COLORLESS_PRIOR, fit) for fit in fits])
     np.testing.assert_allclose(
         logit(alone), logit([COLORLESS_PRIOR.score(fit) for fit in fits]) + np.log(9.0 / 1.5)
     )
+    costs = [cost - 0.15 * (1.0 - seen) for cost, _, _, seen in looks]
     expected = []
-    for own, (cost, edge, _) in enumerate(looks):
-        others = [(alone[i] ** 2, look) for i, look in enumerate(looks) if i != own]
-        total = sum(weight for weight, _ in others)
-        usual = [sum(w * look[k] for w, look in others) / total for k in (0, 1)]
-        worse = 30.0 * max(cost - usual[0] - 0.05, 0.0) + 15.0 * max(edge - usual[1] - 0.05, 0.0)
+    for own, (_, edge, *_) in enumerate(looks):
+        others = [i for i in range(len(looks)) if i != own]
+        weights = [alone[i] ** 2 * np.exp(-costs[i] / 0.05) for i in others]
+        cost_beyond = costs[own] - np.average([costs[i] for i in others], weights=weights)
+        edge_beyond = edge - np.average([looks[i][1] for i in others], weights=weights)
+        worse = 30.0 * max(cost_beyond - 0.05, 0.0) + 15.0 * max(edge_beyond - 0.05, 0.0)
         expected.append(logit(alone[own]) - worse)
     told = COLORLESS_PRIOR.scores(fits, known_present=True)
     np.testing.assert_allclose(logit(told), expected)

@@ -46,19 +46,17 @@ class ObjectDepth:
         Packed parts touch: the side of one lies behind the front of its neighbour by less than the
         verification tolerates (τ_d), so that it would speak against a right pose.
         """
-        seen = self.part(depth)
         hidden = np.zeros(self.depth.shape, dtype=bool)
         for other in others:
-            front = other._in_part_of(self)
-            before = (seen > 0.0) & (front > 0.0) & (front < self.depth - _IN_FRONT)
-            hidden |= before & (np.abs(seen - front) < np.abs(seen - self.depth))
+            before = other._in_part_of(self) < self.depth - _IN_FRONT
+            hidden |= before & self.worse_than(other, depth)
         return hidden
 
-    def shared_with(self, other: "ObjectDepth") -> float:
-        """The pixels that both show, as a share of those that the smaller one shows; 0 if none."""
-        shared = (self.depth > 0.0) & (other._in_part_of(self) > 0.0)
-        smaller = np.minimum((self.depth > 0.0).sum(), (other.depth > 0.0).sum())
-        return float(shared.sum() / max(smaller, 1))
+    def worse_than(self, other: "ObjectDepth", depth: Image) -> Mask:
+        """Pixels of the part where another object is nearer to the `depth` of the whole image."""
+        seen, its = self.part(depth), other._in_part_of(self)
+        both = (seen > 0.0) & (self.depth > 0.0) & (its > 0.0)
+        return np.asarray(both & (np.abs(seen - its) < np.abs(seen - self.depth)))
 
     def _in_part_of(self, other: "ObjectDepth") -> Image:
         """Its depth in the rows and columns of another one."""

@@ -124,10 +124,12 @@ def turned_over(
         return None
     turned = Hypotheses(poses, np.ones(len(poses)))
     found = refiner.refine(verifier.model, observation, turned, seed)
-    costs = verifier.costs(observation, np.stack([each.pose_cam_obj for each in found]))
-    best = found[int(np.argmin(costs))]
-    best = refiner.second_search(verifier.model, observation, best, seed)
-    before, after = verifier.costs(observation, np.stack([pose_cam_obj, best.pose_cam_obj]))
+    refined = [each.pose_cam_obj for each in found]
+    before, *costs = verifier.costs(observation, np.stack([pose_cam_obj, *refined]))
+    if min(costs) >= before:  # a second search lowers a cost by little
+        return None
+    best = refiner.second_search(verifier.model, observation, found[int(np.argmin(costs))], seed)
+    after = verifier.costs(observation, best.pose_cam_obj[None])[0]
     return best if after < _CLEARLY * before else None
 
 

@@ -34,6 +34,8 @@ _NARROW = 8.0  # of the logit, times what the silhouette lacks of the broadest s
 _MANY_PIXELS = 2000.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
 _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
 _USUAL = 0.05  # … and this (D)
+_BEST = 0.05  # of the cost: others that cost so much more count e times less (D)
+_HIDDEN = 0.15  # of the cost, for the whole object: what is hidden adds so much (D)
 _LEVEL = -2.2  # of the logit: what cost and edge of others take from it where all is exact (D)
 _FORGIVEN = 2.5  # of the logit, at most: what they take from it beyond that
 _ENOUGH = 0.25  # an instance is compared with others whose squared scores sum up to this (D)
@@ -101,10 +103,11 @@ class ScoreModel(Stored):
 
     def _compared(self, fits: Sequence[PoseFit], scores: Values) -> Values:
         """What is added to the logit of each, for how well the surest others fit."""
-        _, others, enough = _beside_others(fits, scores)
+        weights, enough = _surest_others(scores)
+        others = weights @ _cost_and_edge(fits) / np.maximum(weights.sum(axis=1), _ENOUGH)[:, None]
         level = others @ np.array([self.cost, self.edge])
         forgiven = enough * np.clip(_LEVEL - level, 0.0, _FORGIVEN)
-        return np.asarray(forgiven - worse_than_others(fits, scores))
+        return np.asarray(forgiven - worse_than_others(fits, scores, _USUAL))
 
     @property
     def colorless(self) -> bool:
@@ -116,22 +119,29 @@ class ScoreModel(Stored):
         return np.array([self.bias + more, self.cost, self.shape, self.edge, self.hidden])
 
 
-def worse_than_others(fits: Sequence[PoseFit], scores: Values) -> Values:
-    """What the logit of each falls by if it fits clearly worse than the surest other instances."""
-    own, others, enough = _beside_others(fits, scores)
-    return np.asarray(enough * (np.maximum(own - others - _USUAL, 0.0) @ _WORSE))
+def worse_than_others(fits: Sequence[PoseFit], scores: Values, usual: float) -> Values:
+    """What the logit of each falls by if it fits clearly worse than the surest other instances.
+
+    That is by more than what is `usual`, of cost and edge. Those that fit best count most. What
+    hidden parts add to the cost is left out.
+    """
+    own = _cost_and_edge(fits)
+    own[:, 0] -= _HIDDEN * (1.0 - np.array([fit.visible_fraction for fit in fits]))
+    weights, enough = _surest_others(scores)
+    weights = weights * np.exp(-own[:, 0] / _BEST)
+    others = weights @ own / np.maximum(weights.sum(axis=1), 1e-12)[:, None]
+    return np.asarray(enough * (np.maximum(own - others - usual, 0.0) @ _WORSE))
 
 
-def _beside_others(
-    fits: Sequence[PoseFit], scores: Values
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Flags]:
-    """Cost and edge of each fit, and of the surest others, and whether those are sure enough."""
-    weights = np.tile(scores**2, (len(fits), 1))
+def _cost_and_edge(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 2"]:
+    return np.array([(fit.cost, fit.edge) for fit in fits])
+
+
+def _surest_others(scores: Values) -> tuple[Float[np.ndarray, "n n"], Flags]:
+    """Weights, for each answer, of the others, and whether those are sure enough."""
+    weights = np.tile(scores**2, (len(scores), 1))
     np.fill_diagonal(weights, 0.0)
-    total = weights.sum(axis=1)
-    own = np.array([(fit.cost, fit.edge) for fit in fits])
-    others = weights @ own / np.maximum(total, _ENOUGH)[:, None]
-    return own, others, total >= _ENOUGH
+    return weights, weights.sum(axis=1) >= _ENOUGH
 
 
 PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)

@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hlp.method.find.answers import (
-    arrangement_evidence,
-    likeness_evidence,
-    rival_poses,
-    stand_side_by_side,
-)
-from hlp.rendering.surface import sample_surface
-from packed_boxes import POSES, box, seen_as
-from refinement_scene import SHAPE, make_model, posed
+from hlp.method.find.answers import arrangement_evidence, likeness_evidence, stand_side_by_side
+from refinement_scene import make_model, posed
 
 MODEL = make_model()
 SIZE = np.ptp(MODEL.proxy.vertices, axis=0)
@@ -130,46 +123,6 @@ def test_the_ratio_is_that_of_its_definition():
             expected.append(np.log(if_right / if_wrong))
         right = 1.0 / (1.0 + np.exp(-logits - expected))
     np.testing.assert_allclose(arrangement_evidence(chain(3, 2), logits, sure, True), expected)
-
-
-def rivals(*shifts, elsewhere=()):
-    """Which shifts (mm) of a box, in front of a wall that fits all alike, make a rival of it.
-
-    Other boxes are `elsewhere`.
-    """
-    verifier = box()  # 100 mm wide in the image, 60 mm high
-    wall = np.full((*SHAPE, 3), 60, np.uint8), np.full(SHAPE, 0.78, np.float32)
-    others, known = (np.repeat(POSES[1][None], len(each), axis=0) for each in (shifts, elsewhere))
-    others[:, :3, 3] += np.reshape(shifts, (-1, 3)) / 1000.0
-    known[:, :3, 3] += np.reshape(elsewhere, (-1, 3)) / 1000.0
-    samples = sample_surface(verifier.model.proxy, 256).points
-    found = rival_poses(verifier, seen_as(*wall).observation, POSES[1], others, known, samples)
-    return [int(np.flatnonzero((others == pose).all(axis=(1, 2)))[0]) for pose in found]
-
-
-def test_another_pose_on_most_of_its_pixels_is_a_rival():
-    along, the_same, beside, behind, too_far = (
-        (45, 0, 0),
-        (5, 5, 0),
-        (60, 0, 0),
-        (0, 0, 40),
-        (0, 0, 90),
-    )
-    assert rivals(along, the_same, beside, behind, too_far) == [0, 3]
-    assert rivals(the_same) == []
-
-
-def test_only_those_of_least_cost_are_compared():
-    assert rivals((45, 0, 1.0), (-45, 0, 0.5), (-45, 0, 2.0), (-45, 0, 1.5)) == [1, 0, 3]
-    assert rivals() == []
-
-
-def test_what_is_elsewhere_is_no_rival():
-    """An answer beside it, or what was divided, may cover most of it in the image."""
-    along, behind = (45, 0, 0), (0, 0, 40)
-    assert rivals(along, behind, elsewhere=[(48, 0, 3)]) == [1]
-    assert rivals(along, behind, elsewhere=[(48, 0, 3), (2, 0, 42)]) == []
-    assert rivals(along, behind, elsewhere=[(100, 0, 0)]) == [0, 1]
 
 
 def test_answers_in_the_colours_of_many_others_are_likelier_and_others_less():

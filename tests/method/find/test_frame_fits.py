@@ -12,7 +12,9 @@ from hlp.geometry import rigid
 from hlp.method.find import frame_fits
 from hlp.method.find.frame_fits import FrameFits
 from hlp.refinement.score_model import COLORLESS_PRIOR
+from hlp.rendering.rasterizer import render_depth
 from packed_boxes import WHITE, box, frame
+from refinement_scene import CAMERA, SHAPE
 
 AWAY = trimesh.transformations.rotation_matrix(0.35, [0, 1, 0])[:3, :3]
 SIDE = AWAY @ np.array([0.06, 0.0, 0.0])
@@ -55,6 +57,26 @@ def test_chosen_ones_have_their_settled_appearance_in_the_end(fits):
         own.set_settled(1, pose, 0.2)
     own.settle([(1, PACKED[0])])
     assert [own.measure(1, pose).appearance for pose in PACKED] == [0.2, 0.7]
+
+
+def test_whose_pixels_surer_ones_explain_better_is_less_likely_right(fits):
+    own, verifier, seen = fits
+    between = rigid(AWAY, np.array([0.0, 0.0, 0.708]) + 0.5 * SIDE)
+    instances = [(1, between), (1, PACKED[0]), (1, PACKED[1])]
+    own.settle(instances)  # where scores are to be learnt, nobody is surer
+    assert [own.measure(*one).appearance for one in instances] == [0.0, 0.0, 0.0]
+    scores = [own.score(*one) for one in instances]
+    for one in instances:
+        own.set_settled(*one, 0.0)
+    assert scores[0] < min(scores[1:])
+    drawn = render_depth(verifier.mesh, np.stack([pose for _, pose in instances]), CAMERA, SHAPE)
+    off = np.abs(np.where(drawn > 0.0, drawn, np.inf) - seen.depth)
+    better = (off[1:] < off[0]).any(axis=0)
+    share = better[off[0] <= verifier.tau_depth].mean()
+    own.settle(instances)
+    after = [own.measure(*one).appearance for one in instances]
+    assert share > 0.5 and after[1:] == [0.0, 0.0]
+    assert after[0] == pytest.approx(-10.0 * (share - 0.2), abs=0.05)
 
 
 def test_a_score_by_the_fit_alone_knows_no_appearance(fits):

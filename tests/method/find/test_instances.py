@@ -180,7 +180,8 @@ class Twins:
         self.scene, self.scores, self.asked = scene, scores, list[int]()
         settings = VerificationSettings()
         seen = observe(scene.rgb, scene.depth, CAMERA, settings)
-        self.context = SimpleNamespace(estimator=self, fits=self, observation=seen)
+        barren = dict.fromkeys((1, 2), "places")
+        self.context = SimpleNamespace(estimator=self, fits=self, observation=seen, barren=barren)
         self._verifier = Verifier(scene.model, settings)
 
     def verifier(self, _):
@@ -223,6 +224,7 @@ def test_what_stands_on_anothers_pixels_is_chosen_anew(row, off, elsewhere):
     assert found[2].sources[found[2].best] == 0
     assert resolved[1] is found[1] and estimator.asked == [1, 2, 2]
     assert resolved[2].sources[resolved[2].best] == 1
+    assert [*estimator.context.barren] == [1]  # where it was, its templates may fit again
 
 
 @pytest.mark.parametrize("scores", [None, {1: 0.9, 2: 0.6}, {1: 0.6, 2: 0.9}])

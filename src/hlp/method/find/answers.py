@@ -2,8 +2,7 @@
 
 Parts are often packed in rows, or stacked. A wrong answer hardly ever touches a right one, face to
 face and turned as it is; a right one does where parts are packed. Where most of a frame's parts
-stand like that, one that does not is less likely right. So is one in whose place another pose fits
-hardly worse, and one in other colours than the rest.
+stand like that, one that does not is less likely right. So is one in other colours than the rest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,33 +11,27 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.arrays import Flags, Points, Pose, Poses, Values
+from hlp.arrays import Flags, Pose, Poses, Values
 from hlp.geometry import transform
 from hlp.method.find.estimator import FrameContext
 from hlp.records import ObjectModel
 from hlp.refinement.appearance import BEST_OF_MANY, PartAppearance
 from hlp.refinement.score_model import PRESENT, logits_of, probabilities, worse_than_others
-from hlp.refinement.verification import Observation, Verifier
 
 _SAME_TURN = np.radians(15.0)
 _MISFIT = 0.2  # of the part's size along each of its axes (D)
 _BY_CHANCE = 0.05  # probability that a wrong answer stands beside a right one (D)
 _MOST = 0.95  # of the share of right answers that do
 _ROUNDS = 2  # in which answers tell each other which are right
-_NEAR = 0.6  # of the diameter, between the centres of poses at one place (D)
-_ANOTHER = 0.1  # of the diameter: ADD-S from which poses are not the same
-_COVERED = 0.5  # of the smaller silhouette, by the other of two that exclude each other (D)
-_RIVALS = 3  # poses of least cost that are compared with one (D)
 _LIKENESS = 0.88  # likeness (Bhattacharyya) of colours that tells nothing: light differs (D)
 _UNLIKE = 9.0  # of the logit, for each unit of likeness (D)
 _PAINTED = -3.0, 1.0  # of it: a part may have another paint than the others (D)
+_USUAL = 0.03  # difference in cost and edge between parts, where some may be other things (D)
 _OTHERS = 1.0, 3.0  # others, by the sum of their probabilities: that tell nothing, and all (D)
 _LOOK = 0.3
 """Weight of what the look tells, in the end, of answers of a known number: it chose them (D)."""
 _KNOWN = 0.2
 """Added to the logit, in the end, of answers of a known number (D)."""
-_RIVAL = 1.5
-"""Weight of the logarithm of the probability that a rival of an answer is wrong (D)."""
 
 
 class Answer(NamedTuple):
@@ -60,27 +53,19 @@ class Answer(NamedTuple):
 class Chosen(NamedTuple):
     """Answers of one object in a frame, each of another instance, and their looks by their rows.
 
-    `samples` (m) are of its surface, `known` says whether the number of its instances is.
+    `known` says whether the number of its instances is.
     """
 
     context: FrameContext
     object_id: int
     answers: Sequence[Answer]
     looks: Mapping[int, PartAppearance]
-    samples: Points
     known: bool
 
-    def settle(self, others: Poses, divided: Sequence[Pose]) -> None:
-        """Give the answers the appearance that they have in the end (`FrameFits.settle`).
-
-        `others` are poses that were not chosen. Those that were `divided` into answers, or are the
-        same as another answer, exclude none.
-        """
+    def settle(self) -> None:
+        """Give the answers the appearance that they have in the end (`FrameFits.settle`)."""
         told, fits = np.array([self._told(answer) for answer in self.answers]), self.context.fits
         poses = [answer.pose for answer in self.answers]
-        for row, pose in enumerate(poses):
-            elsewhere = [*poses[:row], *poses[row + 1 :], *divided]
-            told[row] += self._rival_evidence(pose, others, np.reshape(elsewhere, (-1, 4, 4)))
         alone = [fits.score_alone(self.object_id, pose) for pose in poses]
         logits = logits_of(np.array(alone)) + told
         if self.known:
@@ -88,7 +73,7 @@ class Chosen(NamedTuple):
             told += likeness_evidence(shares, logits + PRESENT)
         else:  # some may be other things; `ScoreModel.scores` compares those of a known number
             measured = [fits.measure(self.object_id, pose) for pose in poses]
-            told -= worse_than_others(measured, probabilities(logits))
+            told -= worse_than_others(measured, probabilities(logits), _USUAL)
         for pose, appearance in zip(poses, told, strict=True):
             fits.set_settled(self.object_id, pose, float(appearance))
 
@@ -96,16 +81,6 @@ class Chosen(NamedTuple):
         if self.known:
             return _KNOWN + _LOOK * answer.look + answer.more + answer.neighbours
         return BEST_OF_MANY + answer.look + answer.more + answer.neighbours
-
-    def _rival_evidence(self, pose: Pose, others: Poses, elsewhere: Poses) -> float:
-        """Log-likelihood ratio of right against wrong that other poses at the same place tell.
-
-        Of poses that exclude each other, one is less likely, the likelier the others are.
-        """
-        of = self.context.estimator.verifier(self.object_id), self.context.observation, pose
-        rivals = rival_poses(*of, others, elsewhere, self.samples)
-        scores: list[float] = [self.context.fits.score_alone(self.object_id, one) for one in rivals]
-        return _RIVAL * float(np.log(max(1.0 - max(scores, default=0.0), 1e-9)))
 
 
 def stand_side_by_side(model: ObjectModel, poses_cam_obj: Poses) -> Bool[np.ndarray, "n n"]:
@@ -148,50 +123,6 @@ def arrangement_evidence(
         if_wrong = neighbour * _BY_CHANCE + (1.0 - neighbour) * (1.0 - _BY_CHANCE)
         evidence = np.log(if_right / if_wrong)
     return evidence
-
-
-def rival_poses(
-    verifier: Verifier,
-    observation: Observation,
-    pose_cam_obj: Pose,
-    others: Poses,
-    elsewhere: Poses,
-    samples: Points,
-) -> list[Pose]:
-    """Other poses that explain a pose's pixels hardly worse: at most three, of least cost.
-
-    They are another pose by ADD-S, of `samples` (m) of the surface, and one of both silhouettes
-    covers at least half of the other. Those that cost more by `max_improvement` are no rivals, nor
-    are those that are the same as one `elsewhere`: they exclude no pose.
-    """
-    model, rivals = verifier.model, list[Pose]()
-    center = transform(pose_cam_obj, model.centroid[None])
-    others, elsewhere = _around(model, center, others), _around(model, center, elsewhere)
-    limit = verifier.costs(observation, pose_cam_obj[None])[0] + verifier.settings.max_improvement
-    costs, drawn = verifier.costs(observation, others), verifier.depth_of(observation, pose_cam_obj)
-    taken = [transform(each, samples) - center for each in (pose_cam_obj, *elsewhere)]
-    for row in np.argsort(costs, kind="stable"):
-        if costs[row] > limit or len(rivals) == _RIVALS:
-            break
-        points = transform(others[row], samples) - center
-        if drawn.shared_with(verifier.depth_of(observation, others[row])) > _COVERED and all(
-            _mean_distance(each, points) > _ANOTHER * model.diameter for each in taken
-        ):
-            rivals.append(others[row])
-    return rivals
-
-
-def _around(model: ObjectModel, center: Points, poses: Poses) -> Poses:
-    """Those of the poses that are about at a place."""
-    away = transform(poses, model.centroid[None])[:, 0] - center
-    return np.asarray(poses[np.linalg.norm(away, axis=1) < _NEAR * model.diameter])
-
-
-def _mean_distance(points: Points, others: Points) -> float:
-    """Mean distance of points near the origin to the nearest of others, by a matrix product."""
-    squares = np.square(points).sum(axis=1)[:, None] - 2.0 * points @ others.T
-    nearest = (squares + np.square(others).sum(axis=1)).min(axis=1)
-    return float(np.sqrt(np.maximum(nearest, 0.0)).mean())
 
 
 def likeness_evidence(shares: Float[np.ndarray, "n 864"], logits: Values) -> Values:

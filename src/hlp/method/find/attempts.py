@@ -65,7 +65,6 @@ class Attempts:
         self._answers: list[Answer] = []
         self._searched_beside: set[tuple[float, bytes]] = set()
         self._looked_within: set[bytes] = set()
-        self._divided: list[Pose] = []
         self._appearances: dict[int, PartAppearance] = {}
         self._kept: list[Answer] | None = None  # of the answers, until there are others
 
@@ -134,7 +133,6 @@ class Attempts:
             found = [part.chosen_poses[0] for part in parts]
             best = max((self._score(pose) for pose in found), default=0.0)
             if len(parts) == len(within) > 0 and best >= _PART_OF * self._score(answer.pose):
-                self._divided.append(answer.pose)
                 looked |= {pose.tobytes() for pose in found}
                 self._replace(answer, parts)
 
@@ -205,11 +203,8 @@ class Attempts:
         refined = [pose for found in self._found for pose in found.refined]
         kept = self._different()
         rows = tuple(answer.row for answer in kept)
-        others = [pose.pose_cam_obj for row, pose in enumerate(refined) if row not in rows]
         if self._colorless:
-            looks, samples = self._appearances, self._colors.samples
-            chosen = Chosen(*self._of, kept, looks, samples, self._min_score is None)
-            chosen.settle(np.reshape(others, (-1, 4, 4)), self._divided)
+            Chosen(*self._of, kept, self._appearances, self._min_score is None).settle()
         return RefinedHypotheses(
             refined,
             np.concatenate([found.costs for found in self._found]),

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 
-from hlp.arrays import Pose
+from hlp.arrays import Image, Pose
+from hlp.refinement.object_depth import ObjectDepth
 from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Observation, Verifier
@@ -13,6 +15,8 @@ from hlp.refinement.verification import Observation, Verifier
 Verifiers = Callable[[int], Verifier]
 """The verifier of an object, given its id."""
 _NEARER = np.float32(0.5)  # of the object's distance: by far more than τ_d in front of it
+_TOLERATED = 0.2  # share of a pose's pixels that surer ones explain better: parts touch (D)
+_OF_OTHERS = 10.0  # of the logit, for each share beyond it (D)
 
 
 class FrameFits:
@@ -59,33 +63,58 @@ class FrameFits:
         self._settled[object_id, pose_cam_obj.tobytes()] = appearance
 
     def settle(self, instances: Sequence[tuple[int, Pose]]) -> None:
-        """Give chosen instances their settled appearance, measure those anew that others hide.
+        """Give chosen instances their settled appearance, and tell objects without colours apart.
 
-        The latter holds for objects without colours. What others hide by less than the verification
+        Those that others hide are measured anew. What others hide by less than the verification
         tolerates is not seen, but it is no sign of a wrong pose either: the visible fraction stays.
+        A pixel shows one part: of whose pixels surer ones explain many better is less likely right.
         Colours tell enough of other objects.
         """
-        for object_id, pose in instances:
-            if (object_id, pose.tobytes()) in self._settled:
-                settled = self._settled[object_id, pose.tobytes()]
-                self.set_appearance(object_id, pose, settled)
+        settled = [(each, pose.tobytes()) in self._settled for each, pose in instances]
+        for object_id, pose in compress(instances, settled):
+            self.set_appearance(object_id, pose, self._settled[object_id, pose.tobytes()])
         seen = self._observation
         colorless = [not self._verifier(each).model.mesh.colored for each, _ in instances]
         if len(instances) < 2 or not any(colorless):
             return
+        # Scores are not known where an object is searched to learn them.
+        known = zip(instances, settled, strict=True)
+        scores = [self.score(*instance) if has else 0.0 for instance, has in known]
         drawn = [self._verifier(each).depth_of(seen, pose) for each, pose in instances]
         for row, (object_id, pose) in enumerate(instances):
-            own, others, depth = drawn[row], drawn[:row] + drawn[row + 1 :], seen.depth.copy()
-            hidden = own.hidden_by(others, depth)
-            if not (colorless[row] and hidden.any()):
+            if not colorless[row]:
                 continue
-            own.part(depth)[hidden] = _NEARER * own.depth[hidden]
-            before = self.measure(object_id, pose)
-            self._known[object_id, pose.tobytes()] = replace(
-                measure_fit(self._verifier(object_id), replace(seen, depth=depth), pose),
-                appearance=before.appearance,
-                visible_fraction=before.visible_fraction,
-            )
+            others = drawn[:row] + drawn[row + 1 :]
+            before, fit = self.measure(object_id, pose), self._beside(object_id, pose, others)
+            surer = [of for of, score in zip(drawn, scores, strict=True) if score > scores[row]]
+            tolerance = self._verifier(object_id).tau_depth
+            share = _explained_better(drawn[row], surer, seen.depth, tolerance)
+            told = _OF_OTHERS * max(share - _TOLERATED, 0.0)
+            if fit is not before or told > 0.0:
+                fit = replace(fit, appearance=before.appearance - told)
+                self._known[object_id, pose.tobytes()] = fit
+
+    def _beside(self, object_id: int, pose: Pose, others: Sequence[ObjectDepth]) -> PoseFit:
+        """The fit of a pose where others do not hide the object."""
+        verifier, before = self._verifier(object_id), self.measure(object_id, pose)
+        own, depth = verifier.depth_of(self._observation, pose), self._observation.depth.copy()
+        hidden = own.hidden_by(others, depth)
+        if not hidden.any():
+            return before
+        own.part(depth)[hidden] = _NEARER * own.depth[hidden]
+        fit = measure_fit(verifier, replace(self._observation, depth=depth), pose)
+        return replace(fit, visible_fraction=before.visible_fraction)
+
+
+def _explained_better(
+    own: ObjectDepth, others: Sequence[ObjectDepth], depth: Image, tolerance: float
+) -> float:
+    """Share of the pixels that agree with a pose that others explain better."""
+    agreeing = own.explains(depth, tolerance)
+    better = np.zeros_like(agreeing)
+    for other in others:
+        better |= own.worse_than(other, depth)
+    return float(better[agreeing].sum() / max(agreeing.sum(), 1))
 
 
 class Unexplained:

@@ -115,6 +115,7 @@ def resolve_conflicts(
         for other, poses in claims.items():
             for pose in poses if other != object_id else ():
                 rest.take(other, pose)
+        context.barren.pop(object_id, None)  # what it took itself is left again
         again = search_again(object_id, rest.observation)
         resolved[object_id] = again
         claims[object_id] = [] if again is None else again.chosen_poses
