@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 
 from hlp.geometry import rigid
+from hlp.image_edges import color_edges
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
 from refinement_scene import CAMERA, SHAPE, colorless, model_of
@@ -43,4 +44,5 @@ def frame(verifier, *colors, poses=POSES):
 def seen_as(rgb, depth):
     """What attempts look at of a frame's search."""
     seen = observe(rgb, depth, CAMERA, VerificationSettings())
-    return SimpleNamespace(frame=SimpleNamespace(rgb=rgb), observation=seen)
+    frame, edges = SimpleNamespace(rgb=rgb), color_edges(rgb)
+    return SimpleNamespace(frame=frame, observation=seen, color_edges=lambda: edges)

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from hlp.geometry import inverse, rotation_matrices, transform
+from hlp.image_edges import color_edges
 from hlp.refinement.appearance import (
     FrameColors,
     _difference_ratios,
@@ -33,7 +34,7 @@ def looks(rgb, depth, poses):
     noise = np.random.default_rng(0).normal(0.0, 6.0, rgb.shape)
     rgb = np.clip(rgb + noise, 0, 255).astype(np.uint8)
     seen = observe(rgb, depth, CAMERA, VERIFIER.settings)
-    colors = FrameColors.of(rgb, MODEL, CAMERA[0, 0] * MODEL.diameter / 0.8)
+    colors = FrameColors.of(rgb, color_edges(rgb), MODEL, CAMERA[0, 0] * MODEL.diameter / 0.8)
     return colors, [colors.at(VERIFIER, seen, pose) for pose in poses]
 
 
@@ -145,7 +146,8 @@ def test_symmetries_lead_to_samples_of_the_same_place():
     turn = np.diag([-1.0, -1.0, 1.0, 1.0])
     turn[:3, 3] = MODEL.centroid - turn[:3, :3] @ MODEL.centroid
     symmetric = replace(MODEL, symmetries=np.stack([np.eye(4), turn]))
-    frame = FrameColors.of(np.zeros((*SHAPE, 3), np.uint8), symmetric, 100.0)
+    black = np.zeros((*SHAPE, 3), np.uint8)
+    frame = FrameColors.of(black, color_edges(black), symmetric, 100.0)
     assert (frame.equal[0] == np.arange(len(frame.samples))).all()
     _, nearest = cKDTree(frame.samples).query(transform(turn, frame.samples))
     assert (frame.equal[1] == nearest).all()
@@ -178,7 +180,7 @@ def test_clutter_is_edges_that_the_model_lacks(print_width, least, most):
     if print_width:
         rgb[(drawn > 0) & (np.arange(SHAPE[1]) // print_width % 2 > 0)] = RED
     seen = observe(rgb, drawn, CAMERA, VERIFIER.settings)
-    found = FrameColors.of(rgb, MODEL, 100.0).at(VERIFIER, seen, POSES[1])
+    found = FrameColors.of(rgb, color_edges(rgb), MODEL, 100.0).at(VERIFIER, seen, POSES[1])
     assert least <= found.clutter <= most
 
 

@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64, UInt8
+from jaxtyping import Bool, Float, Float32, Int8, Int64, UInt8
 
 from hlp.arrays import Flags, Points, Pose, Rgb, Rows, Values
 from hlp.geometry import project, transform
-from hlp.image_edges import LOGARITHMS, NO_EDGE, color_edges
+from hlp.image_edges import LOGARITHMS, NO_EDGE
 from hlp.kernels import compiled_ahead
 from hlp.records import ObjectModel
 from hlp.refinement.score_model import probabilities
@@ -27,6 +27,9 @@ from hlp.rendering.surface import sample_surface
 _SIZES = (6, 12, 12)  # classes of lightness, and of both axes of colour
 _WIDTHS = np.array([43, 9, 9])  # of a class
 _LOWEST = np.array([0, 74, 74])  # of the first class; what lies outside counts as at the border
+# Of each value of a channel, what it adds to the number of the class.
+_CLASSES = np.clip((np.arange(256)[:, None] - _LOWEST) // _WIDTHS, 0, np.array(_SIZES) - 1)
+_CLASSES = (_CLASSES * np.array([_SIZES[1] * _SIZES[2], _SIZES[2], 1])).T.copy()
 _BLUR = 0.7  # classes: neighbours are much the same colour
 _BACKGROUND = 0.3  # weight of the image's colours, in instances: parts have other sides, too (D)
 _RAREST = 1e-5
@@ -98,12 +101,14 @@ class FrameColors:
     equal: Int64[np.ndarray, "k m"]
 
     @classmethod
-    def of(cls, rgb: Rgb, model: ObjectModel, size: float) -> "FrameColors":
-        """Those of an image in which the part's diameter is about this `size` (px)."""
-        lab = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2LAB).astype(np.int64)
-        places = np.clip((lab - _LOWEST) // _WIDTHS, 0, np.array(_SIZES) - 1)
-        classes = np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), _SIZES)
-        near_edge = _near(color_edges(rgb) != NO_EDGE, _NEAR)
+    def of(
+        cls, rgb: Rgb, edges: Int8[np.ndarray, "h w"], model: ObjectModel, size: float
+    ) -> "FrameColors":
+        """Those of an image and its `edges`; the part's diameter is about `size` (px) in it."""
+        lab = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2LAB)
+        first, second, third = (own[lab[..., i]] for i, own in enumerate(_CLASSES))
+        classes = first + second + third
+        near_edge = _near(edges != NO_EDGE, _NEAR)
         blurred = np.asarray(cv2.GaussianBlur(rgb, (0, 0), max(_BLURRED * size, 0.3)))
         pixels = blurred.reshape(-1, 3)
         typical = _opponent(pixels[np.arange(_TYPICAL) * len(pixels) // _TYPICAL])
@@ -126,10 +131,11 @@ class FrameColors:
         x, y = np.clip(pixels - first, 0, np.array(size) - 1).T
         seen = agreeing[y, x] & (pixels - first == np.column_stack([x, y])).all(axis=1)
         seen &= np.abs(drawn.depth[y, x] - points[:, 2]) < _SAME_SURFACE
-        colors = _opponent(drawn.part(self.blurred)[y, x])
-        print_ = np.where(seen[:, None], colors, np.float32(np.nan))
-        unlike = np.square(print_[:, None] - self.typical).sum(axis=-1)
-        unlike = np.minimum(unlike, np.float32(_LIMIT**2)).mean(axis=1)
+        colors = _opponent(drawn.part(self.blurred)[y[seen], x[seen]])
+        print_ = np.full((len(seen), 3), np.nan, dtype=np.float32)
+        unlike, print_[seen] = print_[:, 0].copy(), colors
+        apart = np.square(colors[:, None] - self.typical).sum(axis=-1)
+        unlike[seen] = np.minimum(apart, np.float32(_LIMIT**2)).mean(axis=1)
         covered = np.zeros(observation.depth.shape, dtype=bool)
         drawn.part(covered)[:] = agreeing
         shares, covered = _shares(drawn.part(self.classes)[agreeing]), covered[::_EVERY, ::_EVERY]

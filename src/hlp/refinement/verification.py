@@ -5,6 +5,7 @@ from any source. In addition to depth and depth edges, it uses colour: the visib
 have the model's chromaticity. Brightness is ignored, since it depends on the light.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, NamedTuple
@@ -12,7 +13,7 @@ from typing import Annotated, NamedTuple
 import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
-from jaxtyping import Float32
+from jaxtyping import Float32, Int8
 
 from hlp.arrays import CameraMatrix, Flags, Image, Mask, Pose, Poses, Rgb, Values
 from hlp.geometry import transform
@@ -138,9 +139,16 @@ class Observation:
 
 
 def observe(
-    rgb: Rgb, depth: Image, camera_matrix: CameraMatrix, settings: VerificationSettings
+    rgb: Rgb,
+    depth: Image,
+    camera_matrix: CameraMatrix,
+    settings: VerificationSettings,
+    edges_of: Callable[[Rgb], Int8[np.ndarray, "h w"]] = color_edges,
 ) -> Observation:
-    """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite."""
+    """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite.
+
+    `edges_of` is asked for the image's edges of colour, if they are needed.
+    """
     single = np.ascontiguousarray(depth, dtype=np.float32)
     distance = _distances(depth_edges(single.astype(np.float64), settings.edge_step_mm / 1000.0))
     of_depth, distances = np.repeat(distance[None], DIRECTIONS, axis=0), None
@@ -148,7 +156,7 @@ def observe(
         ratio = np.float32(settings.tau_edge_mm / settings.tau_image_edge_mm)
         # An edge may be of each of the kernel's directions that is at most 34° off.
         away = (np.arange(STEPS) - np.arange(0, STEPS, STEPS // DIRECTIONS)[:, None]) % STEPS
-        near, edges = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION, color_edges(rgb)
+        near, edges = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION, edges_of(rgb)
         of_color = [ratio * _distances((edges != NO_EDGE) & among[edges]) for among in near]
         distances = np.minimum(distance, np.stack(of_color))
     return Observation(

@@ -73,7 +73,7 @@ class Attempts:
         model, observation = self._verifier.model, self._context.observation
         distance = float(transform(self._answers[0].pose, model.centroid[None])[0, 2])
         size = observation.camera_matrix[0, 0] * model.diameter / distance
-        return FrameColors.of(self._context.frame.rgb, model, size)
+        return FrameColors.of(self._context.frame.rgb, self._context.color_edges(), model, size)
 
     def add(self, found: RefinedHypotheses | None) -> None:
         """Add what the next search found."""

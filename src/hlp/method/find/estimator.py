@@ -54,13 +54,14 @@ class FrameContext:
         self.refined: dict[int, KnownRefinements] = defaultdict(dict)
         self.barren: dict[int, Mask] = defaultdict(partial(np.zeros_like, self.frame.depth, bool))
         rgb = self.frame.rgb  # without `self`, so that a frame's memory is free with the context
-        self.near_edges = cache(lambda reach: spread_edges(color_edges(rgb), reach))
+        self.color_edges = found = cache(lambda: color_edges(rgb))
+        self.near_edges = cache(lambda reach: spread_edges(found(), reach))
 
     @cached_property
     def observation(self) -> Observation:
         """The frame in the form that the verification compares poses with."""
-        images = self.frame.rgb, self.frame.depth, self.frame.camera_matrix
-        return observe(*images, self.verification)
+        of = self.frame.rgb, self.frame.depth, self.frame.camera_matrix, self.verification
+        return observe(*of, lambda _: self.color_edges())
 
     @cached_property
     def fits(self) -> FrameFits:
@@ -109,8 +110,7 @@ class PoseEstimator:
         """Load the networks and the codebooks of these objects now instead of at first use."""
         _ = self.scan, self.encoder
         for object_id in object_ids:
-            self.matching.group(object_id)
-            self.verifier(object_id)
+            _ = self.matching.group(object_id), self.verifier(object_id)
             if self.learnt.models[object_id].mesh.colored:
                 color_grid(self.learnt.models[object_id].mesh)
 
