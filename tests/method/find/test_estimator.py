@@ -30,3 +30,17 @@ def test_hypotheses_are_given_up_early_only_of_coloured_objects_that_may_be_abse
             assert early_score is None
         else:
             assert early_score == estimator.score_model(bear.object_id)
+
+
+def test_where_no_template_fits_none_is_tried_again(learnt, frame, monkeypatch):
+    barren = np.array([3, 7]), np.array([5, 2])  # columns, rows
+    tried = Mock(return_value=(Hypotheses(np.zeros((0, 4, 4)), np.zeros(0)), barren))
+    monkeypatch.setattr(module, "match_templates", tried)
+    detector = Detector.load(learnt, threads=1)
+    with detector._alone() as estimator:
+        monkeypatch.setattr(estimator, "_templates", lambda *_: None)
+        context, bear = estimator.prepare(frame), detector.models["bear"].object_id
+        for _ in range(2):
+            assert len(estimator.match_templates(context, bear, 1, None)) == 0
+    first, second = (call.args[6] for call in tried.call_args_list)
+    assert first.all() and np.argwhere(~second).tolist() == [[2, 7], [5, 3]]
