@@ -1,6 +1,6 @@
 """Parts in a bin, their number being unknown: how many are found and wrong, and how long it takes.
 
-    python benchmarks/open_number.py bins --seeds 0 1 2 data=bin data_folder=../shared/data
+    python benchmarks/open_number.py bins --seeds 0,1,2 data=bin data_folder=../shared/data
 
 The arguments are a name and overrides of `experiment=recordings`; what is not learnt in `work` is
 learnt first. In every frame each kind of part is searched alone, though others lie there too, as
@@ -76,7 +76,7 @@ def search_frames(
             times["one kind"].append((one, spent, len(found)))
         found, spent = search(stages, frame, there, MOST)
         answers["all kinds"] += found
-        times["all kinds"] += [(np.nan, spent / len(there), 0) for _ in there]
+        times["all kinds"] += [(np.nan, spent / len(there), 2) for _ in there]
         print(f"{number} of {len(frames)} frames", file=sys.stderr)
     for asked in ASKED:
         truths, found = map(FrameTruth.of, frames), answers[asked]
@@ -90,12 +90,12 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("name", help="of the rows")
-    parser.add_argument("--seeds", nargs="+", default=["0"], help="trainings, which are summed up")
+    parser.add_argument("--seeds", default="0", help="trainings, as 0,1,2: they are summed up")
     parser.add_argument("overrides", nargs="*", help="of the configuration, as data=bin")
     given = parser.parse_intermixed_args()
     counts = {asked: np.zeros(3, int) for asked in ASKED}
     times: dict[str, list[Times]] = {asked: [] for asked in ASKED}
-    for seed in given.seeds:
+    for seed in given.seeds.split(","):
         for asked, scores, sure, spent in search_frames([f"seed={seed}", *given.overrides]):
             right = sum(score.add_s_correct for score in scores)
             counts[asked] += len(scores), right, sure
@@ -106,7 +106,8 @@ def main() -> None:
         targets, right, sure = counts[asked]
         one, spent, each = np.array(times[asked]).T
         further = (spent - one)[each > 1].sum() / max((each[each > 1] - 1).sum(), 1)
-        seconds = [f"{value:.2f}" for value in (one.mean(), spent.mean(), further)]
+        measured = (one.mean(), spent.mean(), further)  # nan where one alone was not looked for
+        seconds = ["" if np.isnan(value) else f"{value:.2f}" for value in measured]
         rows.append((given.name, asked, targets, right, sure, sure - right, *seconds))
         print(*COLUMNS, *rows[-1])
     with path.open("a", newline="") as stream:
