@@ -76,7 +76,7 @@ def search_frames(
             times["one kind"].append((one, spent, len(found)))
         found, spent = search(stages, frame, there, MOST)
         answers["all kinds"] += found
-        times["all kinds"] += [(np.nan, spent / len(there), 2) for _ in there]
+        times["all kinds"] += [(np.nan, spent / len(there), len(found)) for _ in there]
         print(f"{number} of {len(frames)} frames", file=sys.stderr)
     for asked in ASKED:
         truths, found = map(FrameTruth.of, frames), answers[asked]
@@ -105,7 +105,8 @@ def main() -> None:
     for asked in ASKED:
         targets, right, sure = counts[asked]
         one, spent, each = np.array(times[asked]).T
-        further = (spent - one)[each > 1].sum() / max((each[each > 1] - 1).sum(), 1)
+        more = each > 1
+        further = (spent - one)[more].sum() / (each[more] - 1).sum() if more.any() else np.nan
         measured = (one.mean(), spent.mean(), further)  # nan where one alone was not looked for
         seconds = ["" if np.isnan(value) else f"{value:.2f}" for value in measured]
         rows.append((given.name, asked, targets, right, sure, sure - right, *seconds))

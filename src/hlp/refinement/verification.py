@@ -143,11 +143,11 @@ def observe(
     depth: Image,
     camera_matrix: CameraMatrix,
     settings: VerificationSettings,
-    edges_of: Callable[[Rgb], Int8[np.ndarray, "h w"]] = color_edges,
+    find_edges: Callable[[Rgb], Int8[np.ndarray, "h w"]] = color_edges,
 ) -> Observation:
     """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite.
 
-    `edges_of` is asked for the image's edges of colour, if they are needed.
+    `find_edges` is asked for the image's edges of colour, if they are needed.
     """
     single = np.ascontiguousarray(depth, dtype=np.float32)
     distance = _distances(depth_edges(single.astype(np.float64), settings.edge_step_mm / 1000.0))
@@ -156,7 +156,7 @@ def observe(
         ratio = np.float32(settings.tau_edge_mm / settings.tau_image_edge_mm)
         # An edge may be of each of the kernel's directions that is at most 34° off.
         away = (np.arange(STEPS) - np.arange(0, STEPS, STEPS // DIRECTIONS)[:, None]) % STEPS
-        near, edges = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION, edges_of(rgb)
+        near, edges = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION, find_edges(rgb)
         of_color = [ratio * _distances((edges != NO_EDGE) & among[edges]) for among in near]
         distances = np.minimum(distance, np.stack(of_color))
     return Observation(
