@@ -64,8 +64,7 @@ def test_swarm_reaches_goals_outside_its_box_only_when_the_box_follows(settings)
     stays, _ = search(Bowl(goal), start(), CENTROID, fixed, np.random.default_rng(0))
     assert Bowl(goal).evaluate(follows[None])[0] < 1e-3
     assert Bowl(goal).evaluate(stays[None])[0] > 0.1
-    low = rotation_distance(stays[:3, :3], np.eye(3))
-    assert low < np.deg2rad(10.0) * 3**0.5 + 1e-9
+    assert rotation_distance(stays[:3, :3], np.eye(3)) < np.deg2rad(10.0) * 3**0.5 + 1e-9
 
 
 def test_a_pose_that_cannot_be_bettered_is_kept(settings):
@@ -126,29 +125,21 @@ def test_hypotheses_after_the_budget_stay_as_they_are(scene, settings):
 
 def test_hypotheses_have_their_own_streams(scene, settings):
     """What becomes of one hypothesis does not depend on those before it."""
-    first, second = (
-        disturbed(scene, 20, 10, 1),
-        posed(scene.model, np.eye(3), np.array([0.0, 0.0, 0.6])),
-    )
-    short = PsoRefiner(replace(settings, iterations=3))
-    other = np.stack([second, first]), np.stack([first, first])
-    found = [
-        short.refine(scene.model, scene.seen, Hypotheses(poses, np.ones(2)), 7)[1]
-        for poses in other
-    ]
+    first = disturbed(scene, 20, 10, 1)
+    second = posed(scene.model, np.eye(3), np.array([0.0, 0.0, 0.6]))
+    pairs = [Hypotheses(np.stack([before, first]), np.ones(2)) for before in (second, first)]
+    refine = PsoRefiner(replace(settings, iterations=3)).refine
+    found = [refine(scene.model, scene.seen, pair, 7)[1] for pair in pairs]
     np.testing.assert_array_equal(found[0].pose_cam_obj, found[1].pose_cam_obj)
 
 
 def test_a_second_search_makes_the_answer_more_exact(scene, settings):
     refiner = PsoRefiner(settings)
-    before, after = [], []
-    for seed in range(4):
-        answer = Refinement(disturbed(scene, 2, 2, seed), 5)
-        found = refiner.second_search(scene.model, scene.seen, answer, seed)
-        assert found.iterations > 5
-        before.append(error(scene, answer.pose_cam_obj))
-        after.append(error(scene, found.pose_cam_obj))
-    assert np.mean(after) < 0.6 * np.mean(before)
+    answers = [Refinement(disturbed(scene, 2, 2, seed), 5) for seed in range(4)]
+    found = [refiner.second_search(scene.model, scene.seen, each, 0) for each in answers]
+    assert all(each.iterations > 5 for each in found)
+    before, after = (np.mean([error(scene, e.pose_cam_obj) for e in s]) for s in (answers, found))
+    assert after < 0.6 * before
 
 
 def test_no_second_search_where_none_is_set_or_no_time_is_left(scene, settings):
@@ -170,10 +161,8 @@ def test_it_stops_when_no_particle_betters_its_own_best(settings):
         chosen = replace(few, gain=gain)
         _, spent[gain] = search(cost, start(), CENTROID, chosen, np.random.default_rng(0))
         own = np.minimum.accumulate(np.stack(cost.costs), axis=0)
-        if gain == "swarm":
-            gained = np.diff(own.min(axis=1)) < 0
-        else:
-            gained = (np.diff(own, axis=0) < 0).any(axis=1)
+        steps = np.diff(own.min(axis=1, keepdims=True) if gain == "swarm" else own, axis=0)
+        gained = (steps < 0).any(axis=1)
         assert gained[:-1].all() and not gained[-1]
     assert spent["particle"] > spent["swarm"]
 
@@ -227,5 +216,4 @@ def test_the_answer_is_the_best_pose_that_was_tried(chosen, start, centroid, see
     np.testing.assert_allclose(cost.evaluate(found[None])[0], lowest, atol=1e-7)
     assert lowest <= cost.evaluate(start[None])[0] + 1e-9
     assert 0 <= iterations <= chosen.iterations
-    rotation = found[:3, :3]
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-9)

@@ -12,8 +12,10 @@ from hlp.rendering.zbuffer import (
     KernelMesh,
     draw_triangles,
     framed_buffer,
+    prepare_mesh,
     project_vertices,
 )
+from refinement_scene import as_mesh
 
 CAMERA = np.array([[60.0, 0.0, 20.3], [0.0, 62.0, 17.8], [0.0, 0.0, 1.0]])
 HEIGHT, WIDTH = 37, 43
@@ -60,6 +62,16 @@ def test_pixels_depths_and_faces_are_those_of_the_reference(subdivisions, z, cul
         covered += np.count_nonzero(both)
     assert covered > 2000
     assert differing <= 0.002 * covered
+
+
+def test_a_closed_mesh_is_known_whether_its_faces_share_vertices_or_not():
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    shared = prepare_mesh(as_mesh(ball))
+    ball.unmerge_vertices()
+    apart = prepare_mesh(as_mesh(ball))
+    assert len(ball.vertices) == 3 * len(ball.faces) and apart.closed
+    for one, other in zip(shared, apart, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_the_nearest_face_is_seen_and_lanes_spill_nowhere():

@@ -41,10 +41,10 @@ class KernelMesh(NamedTuple):
 
 @lru_cache(maxsize=32)
 def prepare_mesh(mesh: Mesh) -> KernelMesh:
-    """The mesh for kernels; cached for each mesh."""
-    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-    vertices = np.ascontiguousarray(mesh.vertices.T, dtype=np.float64)
-    return KernelMesh(vertices, faces, is_closed(faces, mesh.vertices))
+    """The mesh for kernels, cached. Equal vertices become one: so STL's faces, too, are closed."""
+    vertices, index = np.unique(mesh.vertices.astype(np.float64), axis=0, return_inverse=True)
+    faces = index.reshape(-1)[mesh.faces].astype(np.int32)
+    return KernelMesh(np.ascontiguousarray(vertices.T), faces, is_closed(faces, vertices))
 
 
 def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Points) -> bool:
