@@ -41,7 +41,7 @@ class KernelMesh(NamedTuple):
 
 @lru_cache(maxsize=32)
 def prepare_mesh(mesh: Mesh) -> KernelMesh:
-    """The mesh for kernels, cached. Equal vertices become one: so STL's faces, too, are closed."""
+    """The mesh for kernels, cached. Equal vertices become one; STL files repeat them for faces."""
     vertices, index = np.unique(mesh.vertices.astype(np.float64), axis=0, return_inverse=True)
     faces = index.reshape(-1)[mesh.faces].astype(np.int32)
     return KernelMesh(np.ascontiguousarray(vertices.T), faces, is_closed(faces, vertices))
