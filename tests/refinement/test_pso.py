@@ -136,7 +136,7 @@ def test_hypotheses_have_their_own_streams(scene, settings):
 def test_a_second_search_makes_the_answer_more_exact(scene, settings):
     refiner = PsoRefiner(settings)
     answers = [Refinement(disturbed(scene, 2, 2, seed), 5) for seed in range(4)]
-    found = [refiner.second_search(scene.model, scene.seen, each, 0) for each in answers]
+    found = [refiner.second_search(scene.model, scene.seen, a, k) for k, a in enumerate(answers)]
     assert all(each.iterations > 5 for each in found)
     before, after = (np.mean([error(scene, e.pose_cam_obj) for e in s]) for s in (answers, found))
     assert after < 0.6 * before
