@@ -114,12 +114,13 @@ def sum_costs(
     poses: Poses, mesh: KernelMesh, camera: CameraMatrix, images: RegionImages, limits: Limits
 ) -> Float[np.ndarray, "n 6"]:
     """Draw the mesh in each pose and sum its terms (see DepthCost.terms)."""
-    observed, edge_costs = images.observed, images.edge_costs
+    observed = images.observed
+    edge_costs = images.edge_costs.reshape(len(images.edge_costs), -1)
     height, width = observed.shape[0] - 2, observed.shape[1] - 1 - VECTOR_WIDTH
     inverse = framed_buffer(height, width)
     stride = inverse.shape[1]
-    edge_cost = edge_costs[0].reshape(-1)
-    rows = inverse.reshape(-1), observed.reshape(-1), edge_cost, images.reference.reshape(-1)
+    reference = images.reference.reshape(-1)
+    rows = inverse.reshape(-1), observed.reshape(-1), edge_costs[0], reference
     corners = np.empty(mesh.vertices.shape, dtype=np.float32)
     sums = np.zeros((len(poses), 6))
     for n in range(len(poses)):
@@ -130,38 +131,40 @@ def sum_costs(
         for y in range(max(top - 1, 0), min(bottom + 1, height - 1) + 1):
             inverse[y + 1, 1 : width + 1] = _ZERO
         draw_triangles(corners, mesh, inverse, None)
-        _sum_rows(rows, (top + 1) * stride, (bottom + 2) * stride, stride, limits, sums[n])
+        span = (top + 1) * stride, (bottom + 2) * stride, stride
+        _sum_rows(rows, span, limits, sums[n])
         if len(edge_costs) > 1:
-            covered = slice(top, bottom + 3)  # with the rows above and below
-            sums[n, 3] = _sum_directed_edges(
-                inverse[covered], observed[covered], edge_costs[:, covered], limits
-            )
+            sums[n, 3] = _sum_directed_edges(rows, edge_costs, span, limits)
     return sums
 
 
-@compiled(error_model="numpy")
+# Allows the compiler to reorder sums; NaN and infinity keep their meaning.
+@compiled(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _sum_directed_edges(
-    inverse: _Framed,
-    observed: _Framed,
-    edge_costs: Float32[np.ndarray, "4 h+2 w+5"],
+    rows: tuple[Float32[np.ndarray, "p"], ...],
+    edge_costs: Float32[np.ndarray, "4 p"],
+    span: tuple[int, int, int],
     limits: Limits,
 ) -> np.float32:
     """The edge term of `_sum_rows`, where each edgelet's cost is that of its own direction."""
+    start, stop, stride = span
+    whole, observed, costs = rows[0], rows[1][start:stop], edge_costs[:, start:stop]
+    above, here = whole[start - stride : stop - stride], whole[start:stop]
+    below = whole[start + stride : stop + stride]
+    first, second, third, fourth = costs[0], costs[1], costs[2], costs[3]
+    tau, step, occluder_cost = limits.tau, limits.step, limits.occluder_cost
     total = _ZERO
-    for y in range(1, inverse.shape[0] - 1):
-        around = inverse[y - 1], inverse[y], inverse[y + 1]
-        above, here, below = around
-        for x in range(1, inverse.shape[1] - VECTOR_WIDTH):
-            if here[x] <= _ZERO or here[x] == _INFINITE:
-                continue
-            rendered = _ONE / here[x]
-            beside = here[x - 1], here[x + 1], above[x], below[x]
-            if not _is_edgelet(rendered, beside, limits.step):
-                continue
-            if observed[y, x] > _ZERO and rendered - observed[y, x] > limits.tau:
-                total += limits.occluder_cost
-            else:
-                total += edge_costs[edge_direction(around, x - 1), y, x]
+    for k in range(1, observed.shape[0] - 1):  # the first and the last are of the frame
+        inverse = here[k]
+        rendered = _ONE / inverse
+        beside = here[k - 1], here[k + 1], above[k], below[k]
+        drawn = (inverse > _ZERO) & (inverse < _INFINITE)
+        edge = drawn & _is_edgelet(rendered, beside, step)
+        occluded = (observed[k] > _ZERO) & (rendered - observed[k] > tau)
+        direction = edge_direction((above, here, below), k - 1)
+        diagonal = second[k] if direction == 1 else fourth[k]
+        cost = first[k] if direction == 0 else third[k] if direction == 2 else diagonal
+        total += (occluder_cost if occluded else cost) if edge else _ZERO
     return total
 
 
@@ -183,20 +186,19 @@ def _extent(positions: Float32[np.ndarray, "v"], size: int) -> tuple[int, int]:
     return first, last
 
 
-# Allows the compiler to reorder sums; NaN and infinity keep their meaning.
 @compiled(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _sum_rows(
     rows: tuple[Float32[np.ndarray, "p"], ...],
-    start: int,
-    stop: int,
-    stride: int,
+    span: tuple[int, int, int],
     limits: Limits,
     sums: Float[np.ndarray, "6"],
 ) -> None:
-    """Add the terms of the pixels `start` to `stop`, which are whole rows including their frame.
+    """Add the terms of whole rows of pixels, including their frame.
 
-    `rows` are the flattened inverse depth, observed depth, edge cost and reference.
+    `rows` are the flattened inverse depth, observed depth, edge cost and reference; `span` is the
+    first of their pixels, the one after the last, and the length of a row.
     """
+    start, stop, stride = span
     whole, observed, edge_cost, reference = rows
     observed, edge_cost = observed[start:stop], edge_cost[start:stop]
     reference, inverse = reference[start:stop], whole[start:stop]

@@ -12,8 +12,8 @@ import numpy as np
 
 from hlp.arrays import Poses
 from hlp.geometry import rigid
-from hlp.objects.meshes import decimate, mesh_diameter
-from hlp.objects.object_model import holistic_size, local_size
+from hlp.objects.meshes import mesh_diameter
+from hlp.objects.object_model import build_proxy, holistic_size, local_size
 from hlp.objects.shapes import (
     centred,
     cylinder,
@@ -194,7 +194,7 @@ def shape_model(object_id: int, name: str, mesh: Mesh) -> ObjectModel:
         object_id=object_id,
         name=name,
         mesh=mesh,
-        proxy=decimate(mesh, PROXY_FACES),
+        proxy=build_proxy(mesh, PROXY_FACES, diameter),
         diameter=diameter,
         symmetries=turns_about_z(BOWL_STEPS if name == "bowl" else 1),
         holistic_size=holistic_size(mesh.vertices),
