@@ -1,5 +1,5 @@
-import dataclasses
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,19 +50,17 @@ def test_what_is_not_given_follows_the_rules_and_geometry_makes_the_identity(mes
     assert model_identity(model) == model_identity(sized)
     mesh, vertices, colors = model.mesh, model.mesh.vertices.copy(), model.mesh.colors.copy()
     image, uv = np.full((2, 3, 3), 9, np.uint8), np.full((len(vertices), 2), 0.5)
+    textures = Texture(image, uv), Texture(255 - image, uv), Texture(image, uv / 2)
     vertices[0, 0] += 1e-6
     colors[0, 0] ^= 1
     changed = [
-        dataclasses.replace(model, mesh=dataclasses.replace(mesh, vertices=vertices)),
-        dataclasses.replace(model, mesh=dataclasses.replace(mesh, colors=colors)),
-        dataclasses.replace(model, proxy=mesh),
-        dataclasses.replace(model, mesh=dataclasses.replace(mesh, colored=not mesh.colored)),
-        *(
-            dataclasses.replace(model, mesh=dataclasses.replace(mesh, texture=texture))
-            for texture in (Texture(image, uv), Texture(255 - image, uv), Texture(image, uv / 2))
-        ),
-        dataclasses.replace(model, near_symmetries=model.symmetries[1:]),
-        dataclasses.replace(model, diameter=0.15),
+        replace(model, mesh=replace(mesh, vertices=vertices)),
+        replace(model, mesh=replace(mesh, colors=colors)),
+        replace(model, proxy=mesh),
+        replace(model, mesh=replace(mesh, colored=not mesh.colored)),
+        *(replace(model, mesh=replace(mesh, texture=texture)) for texture in textures),
+        replace(model, near_symmetries=model.symmetries[1:]),
+        replace(model, diameter=0.15),
     ]
     assert len({model_identity(item) for item in [model, *changed]}) == 10
 
@@ -156,9 +154,15 @@ def test_a_part_of_many_small_features_keeps_them():
     assert (full & drawn).sum() > 0.85 * (full | drawn).sum()
 
 
-def test_a_smooth_surface_needs_no_more_triangles_than_are_asked_for():
-    mesh = as_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.05))
-    assert len(build_proxy(mesh, 500, 0.1).faces) <= 500
+def test_a_smooth_surface_and_flat_faces_without_colours_need_few_triangles():
+    """A box that a CAD program divided finely; with colours it keeps the triangles asked for."""
+    ball = as_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.05))
+    box = as_mesh(trimesh.creation.box((0.1, 0.05, 0.02)).subdivide_to_size(0.004))
+    plain = replace(box, colored=False)
+    proxy = build_proxy(plain, 500, 0.114)
+    assert len(proxy.faces) <= 15 < 480 < len(build_proxy(box, 500, 0.114).faces) <= 500
+    assert len(build_proxy(ball, 500, 0.1).faces) <= 500
+    np.testing.assert_array_equal(silhouettes(proxy, 0.114), silhouettes(plain, 0.114))
 
 
 def test_a_mesh_of_few_triangles_stays_and_too_few_are_refused():

@@ -83,10 +83,7 @@ def test_edges_are_compared_with_those_of_their_own_direction(scene, cost_settin
     tau_pixels = cost_settings.tau_edge_mm / 1000 * CAMERA[0, 0] / centre[2].mean()
     total, used = 0.0, set()
     for y, x in np.argwhere(slow_edges(rendered, cost_settings.edge_step_mm / 1000)):
-        if (
-            observed[y, x] > 0
-            and rendered[y, x] - observed[y, x] > cost_settings.tau_depth_mm / 1e3
-        ):
+        if 0 < observed[y, x] < rendered[y, x] - cost_settings.tau_depth_mm / 1e3:
             total += cost_settings.occluder_cost
             continue
         around = inverse[y : y + 3, x : x + 3]
@@ -98,6 +95,20 @@ def test_edges_are_compared_with_those_of_their_own_direction(scene, cost_settin
     assert used == {0, 1, 2, 3}
     np.testing.assert_allclose(found[3], total, rtol=1e-4)
     np.testing.assert_array_equal(np.delete(found, 3), np.delete(others, 3))
+
+
+@pytest.mark.parametrize("pixel", [(0, 120), (319, 120), (160, 0), (160, 239)])
+def test_at_the_images_borders_one_image_for_all_directions_changes_nothing(
+    scene, cost_settings, pixel
+):
+    pose = scene.pose.copy()
+    pose[:2, 3] = pose[2, 3] * (pixel - CAMERA[:2, 2]) / np.diag(CAMERA)[:2]
+    pose[:3, 3] += scene.pose[:3, :3] @ -scene.model.centroid
+    distance = np.random.default_rng(1).uniform(0, 9, (1, *scene.depth.shape)).astype(np.float32)
+    arguments = scene.model.proxy, scene.depth, CAMERA, pose, replace(cost_settings, roi_size=2048)
+    one, four = (DepthCost(*arguments, np.repeat(distance, n, axis=0)) for n in (1, 4))
+    assert (drawn := one.render(pose))[[0, -1]].any() or drawn[:, [0, -1]].any()
+    np.testing.assert_allclose(four.terms(pose[None]), one.terms(pose[None]), rtol=1e-5)
 
 
 def test_an_open_mesh_costs_the_same_from_its_inside(scene, cost_settings):
@@ -127,10 +138,8 @@ def test_region_samples_pixels_of_the_image_under_its_own_camera(scene, cost_set
         )
         there = project(rays.T, CAMERA).reshape(height, width, 2)
         assert np.abs(there - np.stack(samples, axis=-1)).max() <= 0.5 + 1e-9
-    assert (
-        max(DepthCost(scene.model.proxy, ramp, CAMERA, scene.pose, cost_settings).observed.shape)
-        > 80
-    )
+    cost = DepthCost(scene.model.proxy, ramp, CAMERA, scene.pose, cost_settings)
+    assert max(cost.observed.shape) > 80
 
 
 def test_edges_are_on_the_near_side():

@@ -165,9 +165,7 @@ class FolderSettings(Settings):
     rooms: Annotated[
         str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
     ] = None
-    proxy_faces: Annotated[
-        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
-    ] = 500
+    proxy_faces: Annotated[int, Ge(1), Doc("triangles that the refiner draws (D)")] = 500
     max_megapixels: Annotated[
         float, Gt(0), Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
     ] = _MOST_MEGAPIXELS

@@ -90,9 +90,7 @@ def _log(model: ObjectModel) -> None:
     name, mesh = model.name, model.mesh
     sides = np.ptp(mesh.vertices, axis=0) * MILLIMETRES_PER_METRE
     if not mesh.colored:
-        _logger.info(
-            "%s has no colours: none are assumed, in finding it or in verifying its poses", name
-        )
+        _logger.info("%s has no colours: none are assumed in finding or verifying it", name)
     _logger.info("%s: %.0f × %.0f × %.0f mm, %d triangles", name, *sides, len(mesh.faces))
     _logger.info(
         "%s: %d symmetries; its colours tell %d more poses of nearly the same shape apart",
@@ -139,9 +137,7 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
         if np.count_nonzero(alike) >= overlap * np.count_nonzero(either):
             break
     if count > faces:
-        _logger.info(
-            "poses are drawn with %d triangles: %d lose its shape", len(proxy.faces), faces
-        )
+        _logger.info("drawn with %d triangles: %d lose its shape", len(proxy.faces), faces)
     return proxy
 
 

@@ -119,8 +119,7 @@ def sum_costs(
     height, width = observed.shape[0] - 2, observed.shape[1] - 1 - VECTOR_WIDTH
     inverse = framed_buffer(height, width)
     stride = inverse.shape[1]
-    reference = images.reference.reshape(-1)
-    rows = inverse.reshape(-1), observed.reshape(-1), edge_costs[0], reference
+    rows = inverse.reshape(-1), observed.reshape(-1), edge_costs[0], images.reference.reshape(-1)
     corners = np.empty(mesh.vertices.shape, dtype=np.float32)
     sums = np.zeros((len(poses), 6))
     for n in range(len(poses)):
