@@ -113,7 +113,7 @@ def _symmetries(mesh: Mesh, diameter: float, stated: Poses | None) -> tuple[Pose
 def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
     """The mesh decimated to `faces` triangles, or twice as many as often as it takes to look alike.
 
-    Without colours, which vertices carry, to fewer that show the very same shape: a box to a dozen.
+    A mesh whose vertices carry no colours is decimated further, while it shows the very same shape.
     Scanned surfaces keep their shape; of a CAD model, whose large faces are few triangles already,
     whole walls may vanish: a proxy that lacks them fits no image of the object. `diameter` is in m.
     Raises ValueError for fewer than 4 faces.
@@ -126,7 +126,7 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
     camera = np.array([[_FOCAL, 0.0, centre], [0.0, _FOCAL, centre], [0.0, 0.0, 1.0]])
     full = render_depth(mesh, poses, camera, (_SIDE, _SIDE))
     for power in itertools.count(0 if mesh.colored else -_HALVED):
-        count = max(int(faces * 2.0**power), min(faces, 4))
+        count = max(int(faces * 2.0**power), min(faces, 4))  # fewer are no mesh
         proxy = decimate(mesh, count)
         if proxy is mesh:
             return mesh
