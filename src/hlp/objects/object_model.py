@@ -4,7 +4,6 @@ The proxy is the decimated mesh that poses are drawn with: as few triangles as s
 """
 
 import hashlib
-import itertools
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ _SIDE, _OBJECT = 112, 96  # px, of the image and of the diameter in it
 _FOCAL = 1000.0  # px: the object is far away, so that no side of it is hidden
 _OVERLAP = 0.85  # of both meshes' pixels; of 500 triangles of a scan it is .88 or more
 _SAME = 0.998  # of them, with fewer triangles than asked for
-_HALVED = 5  # how often the triangles asked for are halved, to begin with
+_HALVED = 5  # how often the triangles asked for are halved, at most
 _NEAR = 0.01  # of the diameter: pixels whose depths differ by more do not count as the same
 _logger = logging.getLogger(__name__)
 
@@ -125,19 +124,22 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
     centre = (_SIDE - 1) / 2.0
     camera = np.array([[_FOCAL, 0.0, centre], [0.0, _FOCAL, centre], [0.0, 0.0, 1.0]])
     full = render_depth(mesh, poses, camera, (_SIDE, _SIDE))
-    for power in itertools.count(0 if mesh.colored else -_HALVED):
-        count = max(int(faces * 2.0**power), min(faces, 4))  # fewer are no mesh
-        proxy = decimate(mesh, count)
-        if proxy is mesh:
-            return mesh
+
+    def alike(proxy: Mesh, share: float) -> bool:
         drawn = render_depth(proxy, poses, camera, (_SIDE, _SIDE))
         either, both = (full > 0.0) | (drawn > 0.0), (full > 0.0) & (drawn > 0.0)
-        alike = both & (np.abs(full - drawn) <= _NEAR * diameter)
-        overlap = _OVERLAP if power >= 0 else _SAME
-        if np.count_nonzero(alike) >= overlap * np.count_nonzero(either):
-            break
+        same = both & (np.abs(full - drawn) <= _NEAR * diameter)
+        return bool(np.count_nonzero(same) >= share * np.count_nonzero(either))
+
+    count, proxy = faces, decimate(mesh, faces)
+    while proxy is not mesh and not alike(proxy, _OVERLAP):
+        proxy = decimate(mesh, count := 2 * count)
     if count > faces:
         _logger.info("drawn with %d triangles: %d lose its shape", len(proxy.faces), faces)
+    while not mesh.colored and max(faces >> _HALVED, 4) <= count // 2 < faces:
+        if not alike(fewer := decimate(mesh, count // 2), _SAME):
+            break
+        count, proxy = count // 2, fewer
     return proxy
 
 

@@ -151,19 +151,18 @@ def _sum_directed_edges(
     above, here = whole[start - stride : stop - stride], whole[start:stop]
     below = whole[start + stride : stop + stride]
     first, second, third, fourth = costs[0], costs[1], costs[2], costs[3]
-    tau, step, occluder_cost = limits.tau, limits.step, limits.occluder_cost
     total = _ZERO
     for k in range(1, observed.shape[0] - 1):  # the first and the last are of the frame
         inverse = here[k]
         rendered = _ONE / inverse
         beside = here[k - 1], here[k + 1], above[k], below[k]
         drawn = (inverse > _ZERO) & (inverse < _INFINITE)
-        edge = drawn & _is_edgelet(rendered, beside, step)
-        occluded = (observed[k] > _ZERO) & (rendered - observed[k] > tau)
+        edge = drawn & _is_edgelet(rendered, beside, limits.step)
+        occluded = (observed[k] > _ZERO) & (rendered - observed[k] > limits.tau)
         direction = edge_direction((above, here, below), k - 1)
         diagonal = second[k] if direction == 1 else fourth[k]
         cost = first[k] if direction == 0 else third[k] if direction == 2 else diagonal
-        total += (occluder_cost if occluded else cost) if edge else _ZERO
+        total += (limits.occluder_cost if occluded else cost) if edge else _ZERO
     return total
 
 
