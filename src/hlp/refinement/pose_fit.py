@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Float32
 
 from hlp.arrays import Image, Mask, Pose
 from hlp.geometry import project, transform
+from hlp.kernels import compiled_ahead
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.refinement.texture import ColorAgreement, color_agreement
 from hlp.refinement.verification import Observation, Verifier
@@ -112,22 +113,37 @@ def depth_correlation(first: Image, second: Image, among: Mask) -> tuple[float, 
     0 if there are too few pixels, or one of the images shows a plane. The second value is the
     standard deviation (m) of the first image from its plane; infinite for too few pixels.
     """
-    left = _without_plane([first, second], among)
-    if len(left) == 0:
+    products = _products(first, second, among)
+    if (count := products[4, 4]) < _LEAST_PIXELS:
         return 0.0, np.inf  # a shape that is not seen speaks against a pose, unlike a plane
-    return _correlation([left[:, 0]], [left[:, 1]]), float(np.sqrt(np.square(left[:, 0]).mean()))
+    spread = products[:4, :4] - np.outer(products[4, :4], products[4, :4]) / count
+    plane = np.linalg.pinv(spread[:2, :2]) @ spread[:2, 2:]
+    left = spread[2:, 2:] - spread[2:, :2] @ plane
+    return _correlation(left, count), float(np.sqrt(max(left[0, 0], 0.0) / count))
 
 
-def _without_plane(images: list[Image], among: Mask) -> Float[np.ndarray, "n k"]:
-    """Depths of images among some pixels minus their best planes; none if the pixels are few."""
-    y, x = np.nonzero(among)
-    if len(y) < _LEAST_PIXELS:
-        return np.zeros((0, len(images)))
-    plane = np.column_stack([x - x.mean(), y - y.mean(), np.ones(len(x))])
-    depths = np.column_stack([image[y, x] for image in images]).astype(np.float64)
-    depths -= depths.mean(axis=0)
-    flat = np.linalg.pinv(plane.T @ plane) @ (plane.T @ depths)
-    return np.asarray(depths - plane @ flat)
+@compiled_ahead(fastmath=True)
+def _products(
+    first: Float32[np.ndarray, "h w"],
+    second: Float32[np.ndarray, "h w"],
+    among: Bool[np.ndarray, "h w"],
+) -> Float[np.ndarray, "5 5"]:
+    """Sums of the products of x, y, both depths, and 1, among some pixels.
+
+    The depths are those minus the first pixel's, so that little is lost by rounding.
+    """
+    sums, values, from_first, from_second = np.zeros((5, 5)), np.ones(5), 0.0, 0.0
+    for y in range(among.shape[0]):
+        for x in range(among.shape[1]):
+            if among[y, x]:
+                if sums[4, 4] == 0.0:
+                    from_first, from_second = float(first[y, x]), float(second[y, x])
+                values[0], values[1] = x, y
+                values[2], values[3] = first[y, x] - from_first, second[y, x] - from_second
+                for i in range(5):
+                    for j in range(5):
+                        sums[i, j] += values[i] * values[j]
+    return sums
 
 
 def slope_correlation(first: Image, second: Image, among: Mask) -> float:
@@ -136,44 +152,61 @@ def slope_correlation(first: Image, second: Image, among: Mask) -> float:
     Slopes are differences, to the right and down, of depths averaged among the given pixels over
     windows of about a tenth of their extent. 0 if there are too few, or one image shows a plane.
     """
-    y, x = np.nonzero(among)
-    if len(y) < _LEAST_PIXELS:
+    inside = among.view(np.uint8)
+    if cv2.countNonZero(inside) < _LEAST_PIXELS:
         return 0.0
-    radius = max(2, round(_SLOPE_SHARE * float(max(np.ptp(x), np.ptp(y)))))
+    extent = max(cv2.boundingRect(inside)[2:]) - 1
+    radius = max(2, round(_SLOPE_SHARE * extent))
     window = (2 * radius + 1, 2 * radius + 1)
-    weight = among.astype(np.float32)
-
-    def total(image: Image) -> Image:
-        single = np.asarray(image, dtype=np.float32)
-        return np.asarray(
-            cv2.boxFilter(single, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        )
-
-    count = total(weight)
-    full = count > _FULL * window[0] * window[1]
-    middle = float(np.median(first[y, x]))  # keeps the sums small: single precision
-    means = [total((d - middle) * weight) / np.maximum(count, 1.0) for d in (first, second)]
-    across, down = (slice(None), slice(2 * radius, None)), (slice(2 * radius, None), slice(None))
-    back, up = (slice(None), slice(None, -2 * radius)), (slice(None, -2 * radius), slice(None))
-    slopes: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
-    for ahead, behind in ((across, back), (down, up)):
-        both = full[ahead] & full[behind]
-        if np.count_nonzero(both) < _LEAST_PIXELS:
-            return 0.0
-        for mean, found in zip(means, slopes, strict=True):
-            found.append((mean[ahead] - mean[behind])[both].astype(np.float64))
-    return _correlation(*slopes)
+    weight, middle = among.astype(np.float32), np.float32(cv2.mean(first, inside)[0])
+    # Depths minus a middle one keep the sums small: single precision.
+    images = weight, (first - middle) * weight, (second - middle) * weight
+    border = cv2.BORDER_CONSTANT
+    count, *totals = (
+        np.asarray(cv2.boxFilter(image, -1, window, normalize=False, borderType=border), np.float32)
+        for image in images
+    )
+    sums = _slope_products(count, totals[0], totals[1], _FULL * window[0] ** 2, 2 * radius)
+    if (counts := sums[:, 2, 2]).min() < _LEAST_PIXELS:
+        return 0.0
+    spreads = sums - sums[:, 2, :, None] * sums[:, 2, None] / counts[:, None, None]
+    return _correlation(spreads.sum(axis=0), float(counts.sum()))
 
 
-def _correlation(first: list[np.ndarray], second: list[np.ndarray]) -> float:
-    """Correlation over several groups of samples, each about its own mean; 0 without spread."""
-    pairs = [(a - a.mean(), b - b.mean()) for a, b in zip(first, second, strict=True)]
-    product = sum(float(a @ b) for a, b in pairs)
-    spread = np.sqrt(sum(float(a @ a) for a, _ in pairs) * sum(float(b @ b) for _, b in pairs))
-    samples = sum(len(a) for a, _ in pairs)
+@compiled_ahead()
+def _slope_products(
+    count: Float32[np.ndarray, "h w"],
+    first: Float32[np.ndarray, "h w"],
+    second: Float32[np.ndarray, "h w"],
+    full: float,
+    apart: int,
+) -> Float[np.ndarray, "2 3 3"]:
+    """Sums of the products of both images' differences, and 1: to the right, and down.
+
+    Means are totals over a `count`; those over more than `full` are compared, `apart` px.
+    """
+    sums, values = np.zeros((2, 3, 3)), np.ones(3)
+    for y in range(count.shape[0]):
+        for x in range(count.shape[1]):
+            for down in range(2):
+                v, u = y + down * apart, x + (1 - down) * apart
+                if v >= count.shape[0] or u >= count.shape[1]:
+                    continue
+                if count[y, x] > full and count[v, u] > full:
+                    values[0] = first[v, u] / count[v, u] - first[y, x] / count[y, x]
+                    values[1] = second[v, u] / count[v, u] - second[y, x] / count[y, x]
+                    for i in range(3):
+                        for j in range(3):
+                            sums[down, i, j] += values[i] * values[j]
+    return sums
+
+
+def _correlation(products: Float[np.ndarray, "k k"], samples: float) -> float:
+    """Correlation by the products of two centred quantities, summed; 0 without spread."""
+    spread = float(np.sqrt(max(products[0, 0] * products[1, 1], 0.0)))
     if spread <= 1e-12 * samples:  # less than a micrometre: rounding
         return 0.0
-    return float(np.clip(product / spread, -1.0, 1.0))
+    return float(np.clip(products[0, 1] / spread, -1.0, 1.0))
 
 
 def _projected_share(
