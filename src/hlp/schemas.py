@@ -11,12 +11,12 @@ from types import GenericAlias
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Ge, Le, Len
+from annotated_types import Le, Len
 
 from hlp.arrays import CameraMatrix, Image, Rotation, Vector
 from hlp.errors import DataError
 from hlp.geometry import nearest_rotation
-from hlp.settings import Count, Positive, Share, Stored
+from hlp.settings import Count, Positive, Share, Stored, WholeNumber
 
 ROTATION_TOLERANCE = 5e-3
 """Largest difference of a stated rotation's numbers from those of the nearest rotation.
@@ -130,7 +130,7 @@ def require_near_depths(
         )
 
 
-Id = Annotated[int, Ge(0), Le(2**31 - 1)]
+Id = Annotated[WholeNumber, Le(2**31 - 1)]
 
 
 def _flat(values: Any) -> Any:

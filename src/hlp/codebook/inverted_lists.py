@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Le
 from jaxtyping import Float32, Int64, UInt8
 
 from hlp.arrays import Features
@@ -88,7 +88,7 @@ class JointListsSettings(ListsSettings):
 
     name: Literal["joint_lists"] = "joint_lists"
     neighbours: Annotated[
-        int, Ge(1), Le(1000), Doc("nearest entries, of any object, of each patch that vote (D)")
+        Count, Le(1000), Doc("nearest entries, of any object, of each patch that vote (D)")
     ] = 3
     lists: Annotated[
         Count, Doc(f"largest number of lists; with fewer entries there is one for {_ENTRIES} (D)")

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Protocol
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Le
 from jaxtyping import Float, Int
 
 from hlp.arrays import Features, Values
@@ -64,7 +64,7 @@ class SearchSettings(Settings):
 
     name: str = ""
     neighbours: Annotated[
-        int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
+        Count, Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
     ] = 3
 
     dimension_multiple: ClassVar[int] = 1
@@ -93,7 +93,7 @@ class KdForestSettings(SearchSettings):
     """Config group `codebook`: randomised kd-trees (FLANN), the paper's."""
 
     name: Literal["kd_forest"] = "kd_forest"
-    trees: Annotated[int, Ge(1), Le(100), Doc("randomised trees (P)")] = 4
+    trees: Annotated[Count, Le(100), Doc("randomised trees (P)")] = 4
     checks: Annotated[Count, Doc("leaves visited for one query (D)")] = 256
 
     def build(

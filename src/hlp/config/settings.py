@@ -12,7 +12,7 @@ from hlp.data.dataset import DATASETS, DataSettings
 from hlp.evaluation import EvaluationSettings
 from hlp.method.settings import MethodSettings
 from hlp.reporting.mlflow.tracking import MlflowSettings
-from hlp.settings import Doc, Registry, Settings, SettingsError
+from hlp.settings import Count, Doc, Registry, Settings, SettingsError, WholeNumber
 from hlp.stages.executor_settings import EXECUTORS, ExecutorSettings
 from hlp.stages.warm_start import WarmStartSettings
 
@@ -69,10 +69,10 @@ class RunSettings(MethodSettings):
         ),
     ] = "report"
     panels: Annotated[
-        int, Ge(0), Le(100_000), Doc("number of frames that are drawn; 0: no pictures")
+        WholeNumber, Le(100_000), Doc("number of frames that are drawn; 0: no pictures")
     ] = 6
     timing_frames: Annotated[
-        int, Ge(1), Doc("frames processed again to measure times when results were already on disk")
+        Count, Doc("frames processed again to measure times when results were already on disk")
     ] = 20
     warm_start: WarmStartSettings = field(default_factory=WarmStartSettings)
     step: StepSettings = field(default_factory=StepSettings)

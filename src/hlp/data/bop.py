@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Le
 
 from hlp.arrays import Mask, spread
 from hlp.data import bop_models, bop_scenes
@@ -21,7 +21,7 @@ from hlp.data.images import read_rgb, require_same_size
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ONLY, ObjectSettings, chosen_objects
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
-from hlp.settings import Doc, Share
+from hlp.settings import Count, Doc, Share
 
 
 @DATASETS.register
@@ -69,10 +69,7 @@ class BopSettings(FolderSettings):
         ),
     ] = None
     symmetry_steps: Annotated[
-        int,
-        Ge(1),
-        Le(3600),
-        Doc("rotations that stand for a continuous symmetry; at most 0.6° off (D)"),
+        Count, Le(3600), Doc("rotations that stand for a continuous symmetry; at most 0.6° off (D)")
     ] = 315
 
     def build(self) -> Dataset:

@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Gt, Le
 
 from hlp.data.frame_paths import FramePaths, is_pattern, pairs_so_far
 from hlp.data.own_frames import CameraSettings, FrameFiles, FrameReader
 from hlp.errors import DataError, HlpError, InputError, MissingDependencyError, MissingFileError
 from hlp.files import expanded
 from hlp.records import CameraImage
-from hlp.settings import Doc, Settings, shown
+from hlp.settings import Count, Doc, Settings, shown
 
 _FORM = 'a line must be {"rgb": FILE, "depth": FILE}, with "name" and "captured" as you like'
 _LATEST = 1e12  # s since 1970; in ms they are more
@@ -206,9 +206,9 @@ class RealSenseSettings(Settings):
     """Which RealSense camera, and its streams."""
 
     serial: Annotated[str | None, Doc("serial number; null: the first camera")] = None
-    width: Annotated[int, Ge(1), Le(8192), Doc("of both images (px)")] = 640
-    height: Annotated[int, Ge(1), Le(8192), Doc("of both images (px)")] = 480
-    fps: Annotated[int, Ge(1), Le(1000), Doc("images per second")] = 30
+    width: Annotated[Count, Le(8192), Doc("of both images (px)")] = 640
+    height: Annotated[Count, Le(8192), Doc("of both images (px)")] = 480
+    fps: Annotated[Count, Le(1000), Doc("images per second")] = 30
 
 
 class RealSenseCamera:

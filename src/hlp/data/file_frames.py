@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Ge, Gt
 
 from hlp import schemas
 from hlp.arrays import CameraMatrix, Values
@@ -19,7 +18,7 @@ from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import transform
 from hlp.records import Frame, ObjectModel, Target, parse_frame_key
-from hlp.settings import Doc, Settings, read_settings
+from hlp.settings import Count, Doc, Positive, Settings, read_settings
 
 _MOST_MEGAPIXELS = 50.0
 
@@ -165,9 +164,9 @@ class FolderSettings(Settings):
     rooms: Annotated[
         str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
     ] = None
-    proxy_faces: Annotated[int, Ge(1), Doc("triangles that the refiner draws (D)")] = 500
+    proxy_faces: Annotated[Count, Doc("triangles that the refiner draws (D)")] = 500
     max_megapixels: Annotated[
-        float, Gt(0), Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
+        Positive, Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
     ] = _MOST_MEGAPIXELS
 
     def training_images(self) -> TrainingImages:

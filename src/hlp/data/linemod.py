@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Gt, Unit
+from annotated_types import Unit
 
 from hlp.arrays import CameraMatrix
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
@@ -27,7 +27,7 @@ from hlp.geometry import rigid
 from hlp.objects.object_model import ONLY, ObjectSettings, build_object_model, chosen_objects
 from hlp.records import Target, frame_key
 from hlp.schemas import camera_matrix, exact_rotation
-from hlp.settings import Doc
+from hlp.settings import Doc, Positive
 
 _CENTIMETRE = 1e-2  # m
 
@@ -51,7 +51,7 @@ class LinemodSettings(FolderSettings):
         tuple[float, ...], Unit("px"), Doc("intrinsics, which are not in the data set's files (P)")
     ] = (572.4114, 0.0, 325.2611, 0.0, 573.57043, 242.04899, 0.0, 0.0, 1.0)
     mesh_scale: Annotated[
-        float, Gt(0), Doc("metres per unit of mesh.ply: 0.001 for millimetres, 1 for metres")
+        Positive, Doc("metres per unit of mesh.ply: 0.001 for millimetres, 1 for metres")
     ] = 0.001
 
     def build(self) -> Dataset:

@@ -29,7 +29,7 @@ from hlp.geometry import rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model
 from hlp.records import Target, frame_key
 from hlp.schemas import exact_rotation
-from hlp.settings import Doc
+from hlp.settings import Doc, Positive
 
 _OBJECT_ID = 1
 _SCENE_ID = 0
@@ -51,7 +51,7 @@ class YcbineoatSettings(FolderSettings):
     mesh_scale: Annotated[
         float | None, Gt(0), Doc("metres per unit of the mesh; null: guessed from its size")
     ] = None
-    depth_scale: Annotated[float, Gt(0), Doc("mm per unit of the depth images")] = 1.0
+    depth_scale: Annotated[Positive, Doc("mm per unit of the depth images")] = 1.0
 
     def build(self) -> Dataset:
         """The object and the frames. Raises MissingFileError and DataError naming what is wrong."""

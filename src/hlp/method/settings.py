@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, Self
 
-from annotated_types import Ge, Interval, Le
+from annotated_types import Ge, Le
 
 from hlp.codebook.entries import EntrySettings
 from hlp.codebook.inverted_lists import InvertedListsSettings
@@ -21,7 +21,7 @@ from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.rendering.views import ViewsSettings
-from hlp.settings import Doc, Settings, SettingsError
+from hlp.settings import Count, Doc, Settings, SettingsError, Share, WholeNumber
 from hlp.templates.building import TemplateSettings
 from hlp.voting.modes import VOTINGS, JointVotingSettings, VotingSettings
 
@@ -55,15 +55,14 @@ class TrainerSettings(Settings):
 
     name: Annotated[str, Doc("of the choice")] = "cpu"
     accelerator: Annotated[Literal["cpu", "gpu"], Doc("gpu needs torch built with CUDA")] = "cpu"
-    devices: Annotated[int, Ge(1), Le(1024), Doc("processes; with gpu, one on each GPU")] = 1
+    devices: Annotated[Count, Le(1024), Doc("processes; with gpu, one on each GPU")] = 1
     strategy: Annotated[str, Doc("Lightning's strategy for several processes")] = "auto"
     precision: Annotated[
         Precision,
         Doc("of training; bf16-mixed is slower on a CPU: backward took 10 times as long (D)"),
     ] = "32-true"
     torch_threads: Annotated[
-        int,
-        Ge(1),
+        Count,
         Le(1024),
         Doc("threads of torch in training; they change the last bits of the weights (D)"),
     ] = 2
@@ -75,10 +74,7 @@ class MachineSettings(Settings):
 
     name: Annotated[str, Doc("of the choice")] = "local"
     threads: Annotated[
-        int,
-        Ge(1),
-        Le(1024),
-        Doc("threads of networks, renderer, refiner, search and OpenCV each (D)"),
+        Count, Le(1024), Doc("threads of networks, renderer, refiner, search and OpenCV each (D)")
     ] = 2
     device: Annotated[
         Device, Doc("device of the networks in detection; cuda needs onnxruntime-gpu")
@@ -91,8 +87,7 @@ class ScoreSettings(Settings):
 
     name: Annotated[str, Doc("of the choice")] = "rendered"
     scenes: Annotated[
-        int,
-        Ge(0),
+        WholeNumber,
         Le(100_000),
         Doc(
             "rendered scenes on which each object is searched while it is learnt, some of them "
@@ -113,7 +108,7 @@ class MethodSettings(Settings):
         10
     """
 
-    seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("every random number follows from it")] = 0
+    seed: Annotated[WholeNumber, Le(2**32 - 1), Doc("every random number follows from it")] = 0
     rendering: ViewsSettings = field(default_factory=ViewsSettings)
     patches: PatchesSettings = field(default_factory=PatchesSettings)
     classifier: ClassifierSettings = field(default_factory=ClassifierSettings)
@@ -160,8 +155,7 @@ class TrackingSettings(Settings):
     """
 
     min_score: Annotated[
-        float,
-        Interval(ge=0, le=1),
+        Share,
         Doc(
             "probability below which a tracked pose is lost, so that the object is detected again "
             "in that frame, and below which a detected pose is rejected (D)"

@@ -8,7 +8,7 @@ from annotated_types import Ge, Interval, Le
 from jaxtyping import Float, UInt8
 
 from hlp.models.network import Network
-from hlp.settings import Count, Doc, NotNegative, Settings
+from hlp.settings import Count, Doc, NotNegative, Settings, WholeNumber
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
@@ -23,19 +23,22 @@ class ClassifierSettings(Settings):
     """
 
     name: Literal["cnn"] = "cnn"
-    widths: Annotated[
-        tuple[Annotated[int, Ge(1)], ...], Doc("channels of the strided convolutions (D)")
-    ] = (16, 32, 64, 128)
-    hidden: Annotated[int, Ge(1), Le(65_536), Doc("units of the dense layer (D)")] = 128
+    widths: Annotated[tuple[Count, ...], Doc("channels of the strided convolutions (D)")] = (
+        16,
+        32,
+        64,
+        128,
+    )
+    hidden: Annotated[Count, Le(65_536), Doc("units of the dense layer (D)")] = 128
     dropout: Annotated[
         float, Interval(ge=0, lt=1), Doc("dropout rate before each dense layer (D)")
     ] = 0.2
     learning_rate: Annotated[NotNegative, Le(1), Doc("highest rate of the schedule (D)")] = 2.0e-3
     weight_decay: Annotated[NotNegative, Le(1), Doc("of AdamW (D)")] = 1.0e-3
-    epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the pool of windows (D)")] = 12
+    epochs: Annotated[Count, Le(10_000), Doc("passes over the pool of windows (D)")] = 12
     batch_size: Annotated[Count, Doc("windows in a batch (D)")] = 256
     min_batches: Annotated[
-        int, Ge(0), Doc("least number of batches: with few objects, epochs are added (D)")
+        WholeNumber, Doc("least number of batches: with few objects, epochs are added (D)")
     ] = 150
     prior_objects: Annotated[
         int | None,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from annotated_types import Ge, Le
+from annotated_types import Le
 
 from hlp.models.encoder import (
     ENCODERS,
@@ -25,7 +25,7 @@ class NetworkSettings(Settings):
     name: str = ""
     input: Annotated[EncoderInput, Doc("channels of the input (D; P: rgbd)")] = "normals_depth"
     dimension: Annotated[
-        int, Ge(1), Le(4096), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
+        Count, Le(4096), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
     ] = 200
     widths: Annotated[
         tuple[Count, ...],
@@ -49,7 +49,7 @@ class AutoencoderSettings(NetworkSettings):
     input: Annotated[EncoderInput, Doc("channels of the input (P: rgbd)")] = "rgbd"
     learning_rate: Annotated[NotNegative, Le(1), Doc("the highest rate (D)")] = 1.0e-3
     weight_decay: Annotated[NotNegative, Le(1), Doc("of AdamW (D)")] = 0.0
-    epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the patches (D)")] = 20
+    epochs: Annotated[Count, Le(10_000), Doc("passes over the patches (D)")] = 20
     batch_size: Annotated[Count, Doc("patches in a batch (D)")] = 256
     per_frame: Annotated[Count, Doc("patches taken from each RGB-D frame (D)")] = 4000
     rooms: Annotated[
@@ -97,7 +97,7 @@ class ContrastiveSettings(NetworkSettings):
         NotNegative, Le(1), Doc("highest rate of the one-cycle schedule (D)")
     ] = 2.0e-3
     weight_decay: Annotated[NotNegative, Le(1), Doc("of AdamW (D)")] = 1.0e-3
-    epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the pairs (D)")] = 4
+    epochs: Annotated[Count, Le(10_000), Doc("passes over the pairs (D)")] = 4
     batch_size: Annotated[Count, Doc("pairs in a batch (D)")] = 512
 
     needs_frames: ClassVar[bool] = False

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Le
 from jaxtyping import Float, Float32
 
 from hlp.arrays import DepthPatches, Features, MaskPatches
 from hlp.files import read_npz
 from hlp.models.encoder import ENCODERS, EncoderTraining, normals_with_depth
 from hlp.records import LocalPatches
-from hlp.settings import Doc, Settings, SettingsError
+from hlp.settings import Count, Doc, Settings, SettingsError
 
 _FILE = "pca.npz"
 
@@ -23,10 +23,8 @@ class PcaSettings(Settings):
     """Config group `encoder`: principal components of surface normals, a fast baseline (D)."""
 
     name: Literal["pca"] = "pca"
-    dimension: Annotated[int, Ge(1), Le(4096), Doc("length of the feature (P: 200)")] = 200
-    cells: Annotated[int, Ge(1), Le(32), Doc("normals are averaged to cells × cells first (D)")] = (
-        12
-    )
+    dimension: Annotated[Count, Le(4096), Doc("length of the feature (P: 200)")] = 200
+    cells: Annotated[Count, Le(32), Doc("normals are averaged to cells × cells first (D)")] = 12
 
     needs_frames: ClassVar[bool] = False
 

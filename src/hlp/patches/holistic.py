@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval, Le, Unit
+from annotated_types import Gt, Interval, Le, Unit
 from jaxtyping import Float
 
 from hlp.arrays import (
@@ -22,7 +22,7 @@ from hlp.arrays import (
 )
 from hlp.patches.sampling import sample_squares
 from hlp.records import Region
-from hlp.settings import Count, Doc, Settings
+from hlp.settings import Count, Doc, Settings, WholeNumber
 
 _MIN_WEIGHT = 0.01
 _COMPARABLE = 0.1
@@ -48,8 +48,7 @@ class RegionSettings(Settings):
     """Where windows lie and how their probabilities become a region."""
 
     step: Annotated[
-        int,
-        Ge(1),
+        Count,
         Le(1000),
         Unit("px"),
         Doc("step between windows; 16 makes a quarter of the paper's (D; P: 8)"),
@@ -60,8 +59,7 @@ class RegionSettings(Settings):
         Doc("windows with p(object) above this are accepted (D); null: the most likely class (P)"),
     ] = 0.08
     min_windows: Annotated[
-        int,
-        Ge(0),
+        WholeNumber,
         Doc(
             "if fewer are, the most probable up to this number are accepted too, but none that is "
             "less than a tenth as probable as the first (D; P: 0)"

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
 from jaxtyping import Float
 
 from hlp.arrays import ColorPatches, DepthCodes, Flags, MaskPatches, Pixels, Rows, Values, spread
@@ -19,7 +18,7 @@ from hlp.patches.composite import BackgroundPool
 from hlp.patches.holistic import Windows, cut_windows
 from hlp.patches.sampling import bleed_color, join
 from hlp.records import Frame, ObjectModel, Views
-from hlp.settings import Count, Doc, NotNegative, Settings, Share
+from hlp.settings import Count, Doc, NotNegative, Settings, Share, WholeNumber
 
 BACKGROUND = 0
 
@@ -63,8 +62,7 @@ class HolisticPoolSettings(Settings):
         ),
     ] = 8000
     distractor_scenes: Annotated[
-        int,
-        Ge(0),
+        WholeNumber,
         Doc(
             "rendered scenes of random shapes in the objects' sizes, colours and prints, of which "
             "as many crops are backgrounds (D); fewer if there are fewer crops; 0: none"

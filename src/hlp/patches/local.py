@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval, Le, Unit
+from annotated_types import Gt, Interval, Le, Unit
 from jaxtyping import Float, Float32, UInt8
 
 from hlp.arrays import (
@@ -69,7 +69,7 @@ class GridSettings(Settings):
     """Where a scene's local patches lie."""
 
     step: Annotated[
-        int, Ge(1), Le(1000), Unit("px"), Doc("step between local patches in the region (P)")
+        Count, Le(1000), Unit("px"), Doc("step between local patches in the region (P)")
     ] = 8
     min_valid: Annotated[Share, Doc("smallest fraction of a patch within the metric cube (D)")] = (
         0.2

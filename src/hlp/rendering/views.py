@@ -20,7 +20,7 @@ from hlp.progress import Progress
 from hlp.records import MILLIMETRES_PER_METRE, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.shading import random_light
-from hlp.settings import Doc, Positive, Settings, SettingsError
+from hlp.settings import Count, Doc, Positive, Settings, SettingsError
 from hlp.threads import ThreadTeam
 
 _MIRROR = np.array([1.0, 1.0, -1.0])
@@ -145,7 +145,7 @@ class ViewsSettings(Settings):
         Literal["auto", "numba", "pyrender"],
         Doc("the renderer; auto is numba, which runs everywhere (D)"),
     ] = "auto"
-    viewpoints: Annotated[int, Ge(1), Le(20_000), Doc("number of viewing directions (D)")] = 240
+    viewpoints: Annotated[Count, Le(20_000), Doc("number of viewing directions (D)")] = 240
     coverage: Annotated[
         Literal["hemisphere", "sphere"],
         Doc("where the viewpoints are; hemisphere: objects are seen from above only (D)"),
@@ -153,7 +153,7 @@ class ViewsSettings(Settings):
     in_plane_min_deg: Annotated[float, Doc("smallest in-plane angle (D)")] = -180.0
     in_plane_max_deg: Annotated[float, Doc("largest in-plane angle (D)")] = 156.0
     in_plane_steps: Annotated[
-        int, Ge(1), Le(3600), Doc("number of in-plane angles, 24° apart by default (D)")
+        Count, Le(3600), Doc("number of in-plane angles, 24° apart by default (D)")
     ] = 15
     distance_mm: Annotated[
         Positive, Doc("from camera to object centroid; typical of LINEMOD (D)")

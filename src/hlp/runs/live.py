@@ -14,7 +14,6 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-from annotated_types import Ge
 
 from hlp.data.cameras import BrokenImage, Camera
 from hlp.errors import HlpError, InputError
@@ -27,7 +26,7 @@ from hlp.records import CameraImage, Frame, ObjectModel
 from hlp.rendering.rasterizer import render_rgbd
 from hlp.rendering.shading import FRONTAL_LIGHT
 from hlp.runs.prediction import detection_values
-from hlp.settings import Doc
+from hlp.settings import Count, Doc
 
 HOST = "127.0.0.1"
 _PATIENCE = 10.0  # s, with a client that neither asks nor reads
@@ -140,7 +139,7 @@ class LiveOptions(TrackingSettings):
     """What is looked for in the images of a camera, and how it is tracked."""
 
     objects: Annotated[list[str] | None, Doc("names; null: all learnt ones")] = None
-    max_instances: Annotated[int, Ge(1), Doc("of each object")] = 1
+    max_instances: Annotated[Count, Doc("of each object")] = 1
 
 
 class LivePictures:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Interval
+from annotated_types import Ge
 from tqdm import tqdm
 
 import hlp
@@ -28,7 +28,7 @@ from hlp.progress import Progress
 from hlp.records import MILLIMETRES_PER_METRE, Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.poses_file import LINES, AnswersFile
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, Settings, Share
 
 HEADER = (
     f"{'frame':<24} {'object':<16} {'score':>5} {'x mm':>8} {'y mm':>8} {'z mm':>8} "
@@ -78,10 +78,8 @@ class PredictionOptions(Settings):
     """What is looked for and drawn; the rest lies in the learnt folder."""
 
     objects: Annotated[list[str] | None, Doc("names; null: all learnt ones")] = None
-    max_instances: Annotated[int, Ge(1), Doc("of each object")] = MOST_INSTANCES
-    min_score: Annotated[
-        float, Interval(ge=0, le=1), Doc("poses of a lower score are rejected")
-    ] = MIN_SCORE
+    max_instances: Annotated[Count, Doc("of each object")] = MOST_INSTANCES
+    min_score: Annotated[Share, Doc("poses of a lower score are rejected")] = MIN_SCORE
     track: Annotated[bool, Doc("the frames are a sequence: follow objects from frame to frame")] = (
         False
     )

@@ -13,15 +13,13 @@ from functools import cache, partial
 from importlib.util import find_spec
 from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar
 
-from annotated_types import Ge, Le
+from annotated_types import Le
 
 from hlp.errors import MissingDependencyError, WorkerError
-from hlp.settings import Doc, Registry, Settings
+from hlp.settings import Count, Doc, Registry, Settings
 
 Result = TypeVar("Result")
-Threads = Annotated[
-    int, Ge(1), Le(1024), Doc("threads of each worker, in place of machine.threads (D)")
-]
+Threads = Annotated[Count, Le(1024), Doc("threads of each worker, in place of machine.threads (D)")]
 _PACKAGES = {"dask": "distributed", "ray": "ray"}
 _EVERY = 0.2  # s
 _KILLED = (
@@ -84,7 +82,7 @@ class PoolSettings(Settings):
     """
 
     name: Literal["loky", "threading"] = "loky"
-    workers: Annotated[int, Ge(1), Le(1024), Doc("number of processes or threads (D)")] = 2
+    workers: Annotated[Count, Le(1024), Doc("number of processes or threads (D)")] = 2
     threads: Threads = 1
 
     parallel: ClassVar[bool] = True

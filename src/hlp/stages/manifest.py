@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Le
 
 import hlp
 from hlp.errors import DataError
 from hlp.files import read_json
 from hlp.fingerprints import Code, code_of, contents_digest
-from hlp.settings import Stored, stored_as
+from hlp.settings import NotNegative, Stored, stored_as
 
 # It collects the settings of the whole method. Their values are in each fingerprint already, and
 # the code that a stage runs is imported by the stage itself.
@@ -80,7 +80,7 @@ def _as_json(value: Any) -> Any:
     raise TypeError(f"{value!r} is no plain value, as settings are")
 
 
-MakingTime = Annotated[float, Ge(0), Le(1e9)]  # seconds
+MakingTime = Annotated[NotNegative, Le(1e9)]  # seconds
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from annotated_types import Ge, Le
+from annotated_types import Le
 
 from hlp.errors import ConfigError
 from hlp.method.settings import MethodSettings
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, Settings
 from hlp.stages.manifest import plain
 from hlp.stages.store import Output, StageStore
 
@@ -25,9 +25,7 @@ class WarmStartSettings(Settings):
             "is and its classifier is trained further; null: everything is learnt from scratch"
         ),
     ] = None
-    epochs: Annotated[
-        int, Ge(1), Le(10_000), Doc("epochs of the classifier's further training (D)")
-    ] = 4
+    epochs: Annotated[Count, Le(10_000), Doc("epochs of the classifier's further training (D)")] = 4
 
 
 @dataclass(frozen=True)

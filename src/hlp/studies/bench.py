@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge
 
 from hlp.arrays import spread
 from hlp.config.build import Run, with_changes
@@ -24,7 +23,7 @@ from hlp.reporting.figures.bars import bench_bars
 from hlp.reporting.study_numbers import ADD
 from hlp.reporting.study_tables import CONFIGURED, format_bench
 from hlp.results.recalls import TargetKey, add_verdicts, write_target_values
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, NotNegative, Settings
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.bench_times import (
@@ -47,8 +46,8 @@ class BenchSettings(Settings):
 
     name: Literal["bench"] = "bench"
     frames: FrameCount = 30
-    same_mm: Annotated[float, Ge(0), Doc("two poses count as the same within this … (D)")] = 1.0
-    same_deg: Annotated[float, Ge(0), Doc("… and this, up to the object's symmetries (D)")] = 0.5
+    same_mm: Annotated[NotNegative, Doc("two poses count as the same within this … (D)")] = 1.0
+    same_deg: Annotated[NotNegative, Doc("… and this, up to the object's symmetries (D)")] = 0.5
     compared: Annotated[
         dict[str, dict[str, Any]],
         Doc(

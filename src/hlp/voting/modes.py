@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Le
 from jaxtyping import Float
 
 from hlp.arrays import Point, Points, Values
 from hlp.geometry import quaternions, rigid, rotation_matrices
 from hlp.records import Hypotheses, Votes
-from hlp.settings import Count, Doc, NotNegative, Positive, Registry, Settings
+from hlp.settings import Count, Doc, NotNegative, Positive, Registry, Settings, WholeNumber
 from hlp.threads import ThreadTeam
 from hlp.voting.mean_shift import find_modes
 
@@ -61,7 +61,7 @@ ByRegion = Annotated[
     bool, Doc("and by the largest p(object) of the windows near the patch (D; P: false)")
 ]
 MostVotes = Annotated[Count, Doc("largest number of votes used, of largest weight (D)")]
-Shifts = Annotated[int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")]
+Shifts = Annotated[WholeNumber, Le(1000), Doc("mean shift steps from each seed (D)")]
 
 
 @dataclass(frozen=True)

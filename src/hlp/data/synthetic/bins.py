@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from hlp.arrays import Point, Pose
 from hlp.data.dataset import DATASETS, Dataset
-from hlp.data.synthetic.layout import Item, SceneSettings, between
+from hlp.data.synthetic.layout import Item, SceneCount, SceneSettings, between
 from hlp.data.synthetic.objects import shape_model
 from hlp.data.synthetic.scenes import SyntheticScenes, dataset_of
 from hlp.geometry import rigid
@@ -24,7 +24,7 @@ from hlp.objects.meshes import mesh_diameter
 from hlp.objects.shapes import CUBE, box_walls, centred, hull_mesh, lathe, merge, moved, rounded_box
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.rasterizer import render_depth
-from hlp.settings import Doc
+from hlp.settings import Count, Doc, NotNegative, WholeNumber
 
 Heights = Float[np.ndarray, "h w"]
 
@@ -51,16 +51,13 @@ class BinSettings(SceneSettings):
     """
 
     name: Literal["bin"] = "bin"
-    scenes: Annotated[int, Ge(0), Le(100_000), Doc("number of scenes, with one frame each (D)")] = (
-        12
-    )
+    scenes: SceneCount = 12
     objects: Annotated[
-        tuple[Annotated[int, Ge(1)], Annotated[int, Le(20)]],
+        tuple[Count, Annotated[int, Le(20)]],
         Doc("smallest and largest number of parts in the bin (D)"),
     ] = (4, 8)
     clutter: Annotated[
-        tuple[Annotated[int, Ge(0)], Annotated[int, Le(30)]],
-        Doc("the same for other things in it (D)"),
+        tuple[WholeNumber, Annotated[int, Le(30)]], Doc("the same for other things in it (D)")
     ] = (1, 3)
     distance_mm: Annotated[
         tuple[Annotated[float, Ge(450)], Annotated[float, Le(3000)]],
@@ -70,7 +67,7 @@ class BinSettings(SceneSettings):
         tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
         Doc("angle of the camera above the table (D)"),
     ] = (50.0, 85.0)
-    tilt_deg: Annotated[float, Ge(0), Doc("largest lean of a part when it is dropped (D)")] = 25.0
+    tilt_deg: Annotated[NotNegative, Doc("largest lean of a part when it is dropped (D)")] = 25.0
 
     def build(self) -> Dataset:
         """The parts and their scenes; the demo's frames without objects to train with."""

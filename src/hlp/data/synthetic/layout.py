@@ -16,11 +16,12 @@ from hlp.geometry import inverse, rigid
 from hlp.objects.distractors import random_shape, toy_tree
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.shading import Light
-from hlp.settings import Doc, Settings, SettingsError
+from hlp.settings import Count, Doc, NotNegative, Settings, SettingsError, WholeNumber
 
 GAP = 0.004
 """Least distance (m) between the circles that items occupy on the table."""
 _TRIES = 60
+SceneCount = Annotated[WholeNumber, Le(100_000), Doc("number of scenes, with one frame each (D)")]
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,8 @@ class SceneSettings(Settings):
     The defaults are the demo's.
     """
 
-    scenes: Annotated[int, Ge(0), Le(100_000), Doc("number of scenes, with one frame each (D)")] = (
-        24
-    )
-    seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("seed of the scenes (D)")] = 0
+    scenes: SceneCount = 24
+    seed: Annotated[WholeNumber, Le(2**32 - 1), Doc("seed of the scenes (D)")] = 0
     width: Annotated[
         int,
         Ge(32),
@@ -49,7 +48,7 @@ class SceneSettings(Settings):
         Doc("image height; null: three quarters of the width (P: 480)"),
     ] = None
     noise: Annotated[
-        float, Ge(0), Le(100), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")
+        NotNegative, Le(100), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")
     ] = 1.0
     min_visible: Annotated[
         float,
@@ -57,11 +56,11 @@ class SceneSettings(Settings):
         Doc("objects with a smaller visible fraction are no targets (D)"),
     ] = 0.3
     objects: Annotated[
-        tuple[Annotated[int, Ge(1)], Annotated[int, Le(8)]],
+        tuple[Count, Annotated[int, Le(8)]],
         Doc("smallest and largest number of demo objects in a scene (D)"),
     ] = (5, 8)
     clutter: Annotated[
-        tuple[Annotated[int, Ge(0)], Annotated[int, Le(30)]],
+        tuple[WholeNumber, Annotated[int, Le(30)]],
         Doc("the same for other shapes; two of three stand in front of an object (D)"),
     ] = (6, 12)
     distance_mm: Annotated[
@@ -72,12 +71,12 @@ class SceneSettings(Settings):
         tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
         Doc("angle of the camera above the table (D)"),
     ] = (20.0, 75.0)
-    roll_deg: Annotated[float, Ge(0), Doc("largest roll of the camera, in both directions (D)")] = (
+    roll_deg: Annotated[NotNegative, Doc("largest roll of the camera, in both directions (D)")] = (
         20.0
     )
-    tilt_deg: Annotated[float, Ge(0), Doc("largest lean of an object (D)")] = 5.0
+    tilt_deg: Annotated[NotNegative, Doc("largest lean of an object (D)")] = 5.0
     background_frames: Annotated[
-        int, Ge(0), Le(1000), Doc("scenes without the objects, to train with (D)")
+        WholeNumber, Le(1000), Doc("scenes without the objects, to train with (D)")
     ] = 40
 
     def __post_init__(self) -> None:

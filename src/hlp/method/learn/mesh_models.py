@@ -19,7 +19,7 @@ from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.sensor import depth_error
 from hlp.rendering.surface import sample_surface
 from hlp.rendering.views import thomson, view_rotations
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, Positive, Settings
 
 _PROXY_FACES = 500  # triangles of the mesh that the refiner renders
 _FOCAL = 572.0  # px, of the depth cameras that most people have
@@ -54,7 +54,7 @@ class MeshChoices(Settings):
         float | None, Gt(0), Doc("side of the local patches; null: computed from the mesh")
     ] = None
     farthest_mm: Annotated[
-        float, Gt(0), Doc("largest distance from the camera; for warnings of hard objects alone")
+        Positive, Doc("largest distance from the camera; for warnings of hard objects alone")
     ] = 1000.0
 
 
