@@ -12,12 +12,20 @@ then in installed plug-ins, whose entry points are in the group `hlp.GROUP`.
 import pkgutil
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Generic, TypeVar, get_args, get_type_hints
+from typing import Generic, Protocol, TypeVar, get_args, get_type_hints
 
 from hlp.errors import ConfigError
 
 T = TypeVar("T")
 Kind = TypeVar("Kind", bound=type)
+
+
+class Named(Protocol):
+    """What the protocols of all groups ask for."""
+
+    @property
+    def name(self) -> str:
+        """The alternative's name."""
 
 
 class Registry(Generic[T]):

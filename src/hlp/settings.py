@@ -37,6 +37,7 @@ from typing_extensions import Doc as Doc
 
 from hlp.errors import ConfigError, DataError, shortened
 from hlp.files import read_json
+from hlp.registry import Named as Named
 from hlp.registry import Registry as Registry
 
 T = TypeVar("T")

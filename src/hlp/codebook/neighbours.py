@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from hlp.arrays import Features, Values
 from hlp.records import Matches
-from hlp.settings import Count, Doc, Registry, Settings
+from hlp.settings import Count, Doc, Named, Registry, Settings
 
 _ROWS = 128  # queries in a block: bounds the distance matrix
 
@@ -23,15 +23,11 @@ class Neighbours(Protocol):
         """The k nearest features of each query, nearest first, with Euclidean distances."""
 
 
-class NeighboursSettings(Protocol):
+class NeighboursSettings(Named, Protocol):
     """Settings of the search in a codebook."""
 
     dimension_multiple: ClassVar[int]
     """The length of features must be a multiple of this."""
-
-    @property
-    def name(self) -> str:
-        """The alternative's name."""
 
     @property
     def neighbours(self) -> int:

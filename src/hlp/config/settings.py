@@ -12,7 +12,7 @@ from hlp.data.dataset import DATASETS, DataSettings
 from hlp.evaluation import EvaluationSettings
 from hlp.method.settings import MethodSettings
 from hlp.reporting.mlflow.tracking import MlflowSettings
-from hlp.settings import Count, Doc, Registry, Settings, SettingsError, WholeNumber
+from hlp.settings import Count, Doc, Named, Registry, Settings, SettingsError, WholeNumber
 from hlp.stages.executor_settings import EXECUTORS, ExecutorSettings
 from hlp.stages.warm_start import WarmStartSettings
 
@@ -20,12 +20,8 @@ if TYPE_CHECKING:
     from hlp.config.build import Run
 
 
-class TaskSettings(Protocol):
+class TaskSettings(Named, Protocol):
     """Settings of a task: what is done with a configuration."""
-
-    @property
-    def name(self) -> str:
-        """The alternative's name."""
 
     def run(self, run: Run, output: Path) -> None:
         """Do the task; results go into `output`."""

@@ -19,7 +19,7 @@ from hlp.objects.meshes import load_mesh
 from hlp.objects.object_model import mesh_identity, model_identity
 from hlp.patches.backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
-from hlp.settings import Registry
+from hlp.settings import Named, Registry
 
 
 class FrameSource(Protocol):
@@ -179,12 +179,8 @@ class Dataset(TrainingImages):
         return content_hash(list_photographs(self.photographs))
 
 
-class DataSettings(Protocol):
+class DataSettings(Named, Protocol):
     """Settings of a data set."""
-
-    @property
-    def name(self) -> str:
-        """The alternative's name."""
 
     def build(self) -> Dataset:
         """Objects and frames; reads meshes, decodes no image.

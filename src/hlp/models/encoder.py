@@ -12,7 +12,7 @@ from hlp.arrays import DepthPatches, Features, MaskPatches
 from hlp.kernels import compiled, compiled_ahead
 from hlp.models.network import Network
 from hlp.records import LocalPatches
-from hlp.settings import Registry
+from hlp.settings import Named, Registry
 
 if TYPE_CHECKING:
     from pytorch_lightning import LightningDataModule
@@ -64,15 +64,11 @@ class EncoderTraining(Protocol):
         """The folder for everything that the encoder learns."""
 
 
-class EncoderSettings(Protocol):
+class EncoderSettings(Named, Protocol):
     """Settings of an encoder of local patches."""
 
     needs_frames: ClassVar[bool]
     """Whether it trains on RGB-D frames without the objects instead of on rendered views."""
-
-    @property
-    def name(self) -> str:
-        """The alternative's name."""
 
     @property
     def dimension(self) -> int:

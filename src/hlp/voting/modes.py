@@ -10,7 +10,7 @@ from jaxtyping import Float
 from hlp.arrays import Point, Points, Values
 from hlp.geometry import quaternions, rigid, rotation_matrices
 from hlp.records import Hypotheses, Votes
-from hlp.settings import Count, Doc, NotNegative, Positive, Registry, Settings, WholeNumber
+from hlp.settings import Count, Doc, Named, NotNegative, Positive, Registry, Settings, WholeNumber
 from hlp.threads import ThreadTeam
 from hlp.voting.mean_shift import find_modes
 
@@ -27,12 +27,8 @@ class ModeFinder(Protocol):
         """Hypotheses, best first; none if there are no votes. `centroid_obj` is in metres."""
 
 
-class VotingSettings(Protocol):
+class VotingSettings(Named, Protocol):
     """Settings of how votes are cast and how their modes are found."""
-
-    @property
-    def name(self) -> str:
-        """The alternative's name."""
 
     @property
     def max_distance(self) -> float:
