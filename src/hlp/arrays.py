@@ -3,7 +3,7 @@
 Lengths are in metres, pixels are counted (x, y) from the centre of the first one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 _Item = TypeVar("_Item")
+_Key = TypeVar("_Key")
 
 Pose = Float[np.ndarray, "4 4"]
 """A rigid motion, nearly always from object to camera coordinates."""
@@ -59,6 +60,14 @@ def spread(items: Sequence[_Item], most: int | None) -> tuple[_Item, ...]:
     """`most` of the items, or all, spread evenly; None: all."""
     count = len(items) if most is None else min(most, len(items))
     return tuple(items[i * len(items) // count] for i in range(count))
+
+
+def grouped(items: Iterable[_Item], key: Callable[[_Item], _Key]) -> dict[_Key, list[_Item]]:
+    """The items by what `key` says of each; groups and items in the order in which they come."""
+    groups: dict[_Key, list[_Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 def derive_seed(*parts: int) -> int:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.arrays import Pose, Values
+from hlp.arrays import Pose, Values, grouped
 from hlp.evaluation.bop_recalls import FRACTIONS, PIXELS, WIDTH, BopRecalls, match
 from hlp.evaluation.evaluator import FrameTruth
 from hlp.records import Mesh, ObjectModel, PoseEstimate
@@ -83,13 +83,10 @@ def average_precision(
 
 def _by_image(estimates: Iterable[PoseEstimate]) -> dict[_Image, list[PoseEstimate]]:
     """The answers of each image that count, the surest first."""
-    images: dict[_Image, list[PoseEstimate]] = {}
-    for estimate in estimates:
-        if estimate.pose_cam_obj is not None:
-            images.setdefault((estimate.scene_id, estimate.frame_id), []).append(estimate)
-    for image, own in images.items():
-        images[image] = sorted(own, key=lambda e: -e.score)[:MOST_ANSWERS]
-    return images
+    posed = (e for e in estimates if e.pose_cam_obj is not None)
+    surest = sorted(posed, key=lambda e: -e.score)
+    images = grouped(surest, lambda e: (e.scene_id, e.frame_id))
+    return {image: own[:MOST_ANSWERS] for image, own in images.items()}
 
 
 def _judge(

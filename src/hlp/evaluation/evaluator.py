@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hlp.arrays import CameraMatrix, Flags, Image, Pose, Poses
+from hlp.arrays import CameraMatrix, Flags, Image, Pose, Poses, grouped
 from hlp.errors import DataError
 from hlp.evaluation import EvaluationSettings, errors
 from hlp.evaluation.bop_recalls import BopRecalls
@@ -76,10 +76,7 @@ def score_targets(
     an estimate, or whose estimate has no pose, is wrong with infinite errors. Raises DataError for
     a target whose object has no model.
     """
-    found: dict[tuple[int, int, int], list[PoseEstimate]] = {}
-    for estimate in estimates:
-        key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
-        found.setdefault(key, []).append(estimate)
+    found = grouped(estimates, lambda e: (e.scene_id, e.frame_id, e.object_id))
     scorers: dict[int, _ObjectScorer] = {}
     scores = []
     for truth in truths:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import Flags, Rows
+from hlp.arrays import Flags, Rows, grouped
 from hlp.records import TargetScore
 from hlp.results.recalls import CORRECT
 
@@ -103,23 +103,20 @@ def count_causes(scores: Sequence[TargetScore], names: Mapping[int, str]) -> dic
     Counted over all targets (`total`), per object (`per_object`) and per class of the visible
     fraction (`per_visibility`, without classes that hold no target).
     """
-    classes: dict[str, list[TargetScore]] = {name: [] for name in (*VISIBILITY, UNSTATED)}
-    for score in scores:
-        classes[visibility_class(score.visible_fraction)].append(score)
     objects = by_object(scores, names)
+    classes = grouped(scores, lambda score: visibility_class(score.visible_fraction))
+    shown = [name for name in (*VISIBILITY, UNSTATED) if name in classes]
     return {
         "total": _count(scores),
         "per_object": {name: _count(group) for name, group in objects.items()},
-        "per_visibility": {name: _count(group) for name, group in classes.items() if group},
+        "per_visibility": {name: _count(classes[name]) for name in shown},
     }
 
 
 def by_object(records: Iterable[Any], names: Mapping[int, str]) -> dict[str, list[Any]]:
     """Records by the name of their object, the objects in the order of their ids."""
-    groups: dict[str, list[Any]] = {}
-    for record in sorted(records, key=lambda record: record.object_id):
-        groups.setdefault(names[record.object_id], []).append(record)
-    return groups
+    ordered = sorted(records, key=lambda record: record.object_id)
+    return grouped(ordered, lambda record: names[record.object_id])
 
 
 def visibility_class(fraction: float) -> str:

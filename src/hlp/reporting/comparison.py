@@ -7,6 +7,7 @@ from statistics import fmean
 
 import numpy as np
 
+from hlp.arrays import grouped
 from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.summary_tables import METRIC_LABELS
@@ -105,9 +106,7 @@ Pair = tuple[TargetKey, ScoredTarget, ScoredTarget]
 
 def differences_table(pairs: Sequence[Pair], metric: str) -> Table:
     """A row an object and one for all: recalls, difference, targets right in one run only, p."""
-    groups: dict[str, list[Pair]] = {}
-    for pair in sorted(pairs, key=lambda pair: pair[0][2]):
-        groups.setdefault(pair[1].name, []).append(pair)
+    groups = grouped(sorted(pairs, key=lambda pair: pair[0][2]), lambda pair: pair[1].name)
     if len(groups) > 1:
         groups["all targets"] = [*pairs]
     rows = []

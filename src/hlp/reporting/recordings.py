@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from hlp.arrays import Values
+from hlp.arrays import Values, grouped
 from hlp.reporting.comparison import WELL_VISIBLE, recall_of
 from hlp.reporting.figures import new_figure
 from hlp.reporting.figures.bars import COLORS
@@ -37,11 +37,8 @@ Repeats = Mapping[str, Sequence[Result]]
 
 def repeats_of(results: Sequence[Result], keys: Sequence[str]) -> Repeats:
     """The results by the values of the swept `keys` without the seed."""
-    repeats: dict[str, list[Result]] = {}
-    for result in results:
-        values = _values(result, [key for key in keys if key != SEED]).values()
-        repeats.setdefault(", ".join(values), []).append(result)
-    return repeats
+    others = [key for key in keys if key != SEED]
+    return grouped(results, lambda result: ", ".join(_values(result, others).values()))
 
 
 def recordings_table(repeats: Repeats, keys: Sequence[str]) -> Table:

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hlp.arrays import spread
+from hlp.arrays import grouped, spread
 from hlp.config.build import Run
 from hlp.progress import Progress
 from hlp.records import PoseEstimate, TargetScore, frame_key
@@ -56,11 +56,8 @@ def draw_pictures(
     Nothing that goes wrong here costs the run its results, nor one picture another: it is logged,
     with its traceback.
     """
-    scored: dict[str, list[TargetScore]] = {}
-    for score in scores:
-        key = frame_key(score.scene_id, score.frame_id)
-        if key not in detection.failed:
-            scored.setdefault(key, []).append(score)
+    frames = grouped(scores, lambda score: frame_key(score.scene_id, score.frame_id))
+    scored = {key: own for key, own in frames.items() if key not in detection.failed}
     pictures = _Pictures(run, detection, estimates, scored, output)
     if run.settings.panels > 0:
         with _logged(f"the pictures in {output / report_data.PANELS}"):

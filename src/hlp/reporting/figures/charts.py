@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hlp.arrays import grouped
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import new_figure
@@ -30,18 +31,15 @@ def visibility_bars(targets: Targets) -> "Figure | None":
 
     None if the data set states no visible fraction.
     """
-    groups: dict[int, list[bool]] = {}
-    for target in targets:
-        visible = target.score.visible_fraction
-        if not math.isnan(visible):
-            groups.setdefault(min(int(10 * visible), 9), []).append(target.score.add_correct)
-    if not groups:
+    known = [t.score for t in targets if not math.isnan(t.score.visible_fraction)]
+    if not known:
         return None
+    tenths = grouped(known, lambda score: min(int(10 * score.visible_fraction), 9))
     rows, bars = [], []
-    for tenth, verdicts in sorted(groups.items()):
-        recall = float(np.mean(verdicts))
-        rows.append(f"{tenth / 10:.1f} to {(tenth + 1) / 10:.1f} ({len(verdicts)})")
-        bars.append(Bar(recall, f"{recall:.3f}", wilson(recall, len(verdicts))))
+    for tenth, own in sorted(tenths.items()):
+        recall = float(np.mean([score.add_correct for score in own]))
+        rows.append(f"{tenth / 10:.1f} to {(tenth + 1) / 10:.1f} ({len(own)})")
+        bars.append(Bar(recall, f"{recall:.3f}", wilson(recall, len(own))))
     title = "ADD(-S) recall by visible fraction (targets), 95 % interval"
     return draw_bars(rows, [Panel(title, {"": bars}, recall=True)], "")
 
