@@ -174,9 +174,8 @@ def load_lists(folder: Path, settings: ListsSettings, seed: int) -> Bytes | None
         return None
     stored = read_npz(folder / _FILE)
     made_for = int(stored["lists"]), int(stored["seed"])
-    return (
-        stored["trained"] if made_for == (settings.lists, seed) and stored["trained"].size else None
-    )
+    fits = made_for == (settings.lists, seed) and stored["trained"].size
+    return stored["trained"] if fits else None
 
 
 def _train(features: Features, settings: ListsSettings, seed: int) -> faiss.IndexIVFPQFastScan:

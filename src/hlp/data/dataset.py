@@ -156,6 +156,11 @@ class Dataset(TrainingImages):
         others = self.target_ids if self.search_all else ()
         return dict(counts) | {i: 1 for i in others if i not in counts}
 
+    @property
+    def names(self) -> dict[int, str]:
+        """Names of all objects by id."""
+        return {object_id: model.name for object_id, model in self.models.items()}
+
     @cached_property
     def mesh_identities(self) -> dict[int, str]:
         """Content hash of each object's full mesh, from which its views are rendered."""

@@ -85,9 +85,8 @@ def _median_errors(scores: Sequence[TargetScore]) -> Summary:
     found = [score for score in scores if score.found]
 
     def median(error: str, unit: float = 1.0) -> float | None:
-        return (
-            float(np.median([getattr(score, error) for score in found])) * unit if found else None
-        )
+        errors = [getattr(score, error) for score in found]
+        return float(np.median(errors)) * unit if found else None
 
     return {
         "found": len(found),

@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -152,10 +153,7 @@ def _grid(sweep: Sweep) -> "Figure":
     found = pd.DataFrame(
         [{**run.values, **run_numbers(run.result.summary)} for run in sweep.finished if run.result]
     )
-
-    def cells(name: str) -> pd.DataFrame:
-        return found.pivot_table(name, down, across, sort=False)
-
+    cells = partial(found.pivot_table, index=down, columns=across, sort=False)
     recalls, times = cells(ADD), cells("ms")
     maps = [
         HeatMap("ADD(-S) recall", recalls.to_numpy()),

@@ -17,7 +17,6 @@ import numpy as np
 
 from hlp.data.cameras import BrokenImage, Camera
 from hlp.errors import HlpError, InputError
-from hlp.files import replaced
 from hlp.method.detector import Detector
 from hlp.method.find.detections import Detection
 from hlp.method.settings import TrackingSettings
@@ -31,6 +30,7 @@ from hlp.settings import Count, Doc
 HOST = "127.0.0.1"
 _PATIENCE = 10.0  # s, with a client that neither asks nor reads
 _CLIENTS = 16  # at once
+_QUALITY = 95  # of a JPEG
 _PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>hlp live</title>
 <style>body{margin:0;background:#111}img{max-width:100vw;max-height:100vh}</style>
 <img alt="The last image with the poses that were found"><script>
@@ -177,18 +177,17 @@ class LivePictures:
     def _draw_last(self) -> None:
         if not self._waiting:  # the call before has drawn it
             return
-        from hlp.reporting.figures.panels import draw_detections  # needed by few
+        from hlp.reporting.figures.panels import draw_detections, write_picture  # needed by few
 
         image, found = self._waiting.pop()
         frame = Frame(0, 0, image.rgb, image.depth, image.camera_matrix)
         poses = [(self._models[answer.object], answer.pose_cam_obj) for answer in found]
-        picture = cv2.cvtColor(draw_detections(frame, poses), cv2.COLOR_RGB2BGR)
+        picture = draw_detections(frame, poses)
         if self._page is not None:
-            self._page.picture = cv2.imencode(".jpg", picture)[1].tobytes()
+            bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+            self._page.picture = cv2.imencode(".jpg", bgr)[1].tobytes()
         if self._overlay is not None:
-            content = cv2.imencode(self._overlay.suffix, picture)[1].tobytes()
-            with replaced(self._overlay) as stream:
-                stream.write(content)
+            write_picture(self._overlay, picture, _QUALITY)
 
 
 def live(

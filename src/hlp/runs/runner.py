@@ -122,13 +122,11 @@ def _score(
     scores = score_targets(shown, *of)
     scores = explain_misses(detection, notes, scores, settings.evaluation)
     scores = with_failed_frames(run, detection.failed, scores)
-    names = {object_id: model.name for object_id, model in dataset.models.items()}
-    write_scores(output / SCORES, scores, names)
+    write_scores(output / SCORES, scores, dataset.names)
     draw_pictures(run, detection, saved, scores, output)
-    votes = vote_quality([counts for noted in notes for counts in noted.votes], names)
-    summary = summarise(
-        scores, names, timing.milliseconds(), votes, settings.evaluation, settings.seed
-    )
+    votes = vote_quality([counts for noted in notes for counts in noted.votes], dataset.names)
+    given = timing.milliseconds(), votes, settings.evaluation, settings.seed
+    summary = summarise(scores, dataset.names, *given)
     summary |= {"timing": timing.summary(), "frames": len(run.keys)}
     if dataset.search_all:
         summary["detection"] = average_precision(truths, dataset.models, saved, meshes)

@@ -25,7 +25,7 @@ from hlp.results.recalls import numbered_targets, write_target_values
 from hlp.settings import Count, Doc, NotNegative, Settings, SettingsError
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
-from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
+from hlp.studies.study_run import FrameCount, stage_of_frames, study_code, study_run
 
 _PERTURBATIONS = 2  # number of the random stream
 
@@ -84,7 +84,7 @@ class BasinSettings(Settings):
                 name: found.groupby("target")["right"].mean().to_dict()
                 for name, found in tried.items()
             }
-            write_target_values(output, recalls, object_names(run))
+            write_target_values(output, recalls, run.dataset.names)
             draw_basins(output / "heatmaps", cells)
         print(format_basins(cells))
 

@@ -34,7 +34,7 @@ from hlp.studies.bench_times import (
     share_of_same,
     summarise_path,
 )
-from hlp.studies.study_run import FrameCount, object_names, study_run
+from hlp.studies.study_run import FrameCount, study_run
 
 Detections = dict[str, list[TimedDetection]]
 
@@ -83,7 +83,7 @@ class BenchSettings(Settings):
                 "tolerance": {"mm": self.same_mm, "deg": self.same_deg},
             }
             write_json(output / "bench.json", result)
-            write_target_values(output, {ADD: verdicts}, object_names(run))
+            write_target_values(output, {ADD: verdicts}, run.dataset.names)
             write_text(output / "bench.md", format_bench(result, "markdown") + "\n")
             save_figure(bench_bars(result), output / "bench")
         print(format_bench(result))

@@ -32,7 +32,7 @@ from hlp.settings import Doc, NotNegative, Settings
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
-from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
+from hlp.studies.study_run import FrameCount, stage_of_frames, study_code, study_run
 
 Cell = tuple[str, str]
 CELLS: tuple[Cell, ...] = (
@@ -75,7 +75,7 @@ class OracleSettings(Settings):
                 cell: score_targets(truths, dataset.models, found[cell], settings.evaluation)
                 for cell in CELLS
             }
-            names = object_names(run)
+            names = dataset.names
             matrix = summarise_oracle(scores, names, settings.evaluation, settings.seed)
             result = {"frames": len(keys), **matrix}
             write_json(output / "oracle.json", result)

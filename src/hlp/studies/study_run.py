@@ -55,11 +55,6 @@ def study_run(
     say_where(run, tracker)
 
 
-def object_names(run: Run) -> dict[int, str]:
-    """Names of all objects by id."""
-    return {object_id: model.name for object_id, model in run.dataset.models.items()}
-
-
 def study_code(module: str, *alternatives: object) -> Code:
     """The code of a study and of what its settings choose, which no module imports by name.
 

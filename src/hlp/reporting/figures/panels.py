@@ -49,7 +49,7 @@ _NARROWEST = 32.0  # px of a frame that are enlarged
 def write_picture(path: Path, image: Rgb, jpeg_quality: int = JPEG_QUALITY) -> None:
     """Write an RGB image, of the format of its name. Raises OSError naming an unwritable path."""
     bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    quality = [] if path.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+    quality = [] if path.suffix.lower() == ".png" else [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
     _, encoded = cv2.imencode(path.suffix, bgr, quality)
     with replaced(path) as stream:
         stream.write(encoded.tobytes())

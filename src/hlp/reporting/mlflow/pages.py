@@ -69,11 +69,7 @@ def experiment_tags(about: str = "", command: str = "", data: str = "") -> dict[
     They say in words what it is, the command that makes a run of it, and the data set; and that the
     list of runs shows the headline metrics as columns, and names in full.
     """
-    lines = (
-        about,
-        f"Command: `{command}`" if command else "",
-        f"Data of the first run: {data}" if data else "",
-    )
+    lines = about, command and f"Command: `{command}`", data and f"Data of the first run: {data}"
     view = {
         "selectedColumns": [name for name in _WIDTHS if name.startswith("metrics.")],
         "columnOrder": [*_WIDTHS],
