@@ -33,7 +33,7 @@ def draw(folder: Path, panels: int, keys: tuple[str, ...] = (), **given: Any) ->
 def test_a_picture_that_fails_is_logged_and_costs_the_others_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(pictures, "view_sheet", lambda _: Figure())
+    monkeypatch.setattr(pictures.stage_figures, "view_sheet", lambda _: Figure())
     (tmp_path / "stages").mkdir()
     (tmp_path / "stages" / "old.jpg").write_bytes(b"of another run")
     draw(tmp_path, 2)
@@ -88,7 +88,7 @@ def test_swarms_are_drawn_of_the_targets_of_the_frames_in_turn(
 
     monkeypatch.setattr(pictures, "FrameResults", SimpleNamespace(read=read))
     monkeypatch.setattr(pictures, "swarms_of_target", swarms)
-    monkeypatch.setattr(pictures, "swarm_figure", lambda targets: targets)
+    monkeypatch.setattr(pictures.stage_figures, "swarm_figure", lambda targets: targets)
     monkeypatch.setattr(
         pictures, "save_jpeg", lambda figure, path: drawn.update({path.stem: figure})
     )

@@ -7,15 +7,8 @@ from typing import TYPE_CHECKING
 
 from hlp.files import write_csv, write_text
 from hlp.reporting import bop_table as bop
+from hlp.reporting import comparison, recordings
 from hlp.reporting import paper_reports as paper
-from hlp.reporting import recordings
-from hlp.reporting.comparison import (
-    WELL_VISIBLE,
-    difference_cells,
-    paired_difference,
-    recall_of,
-    with_ends,
-)
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import Bar, Panel, draw_bars, gain_bar, recall_bar
 from hlp.reporting.results import Result, left_out_if_broken, result_folders
@@ -149,18 +142,20 @@ def _ladder(runs: Mapping[str, Result], found: Sweep) -> Report:
     for name, result in runs.items():
         change, before = (result.config["step"][key] or "" for key in ("change", "before"))
         start, cells, hidden = runs.get(before), run_cells(result.summary), result.hidden_targets
-        gain = paired_difference(start.verdicts, result.verdicts) if start else None
+        gain = comparison.paired_difference(start.verdicts, result.verdicts) if start else None
         gains.append(gain_bar(gain))
         gained = ["–"] * 4
         if start and gain:
             more = result.total_ms["median"] - start.total_ms["median"]
-            gained = [before, *difference_cells(gain), f"{more:+.0f}"]
+            gained = [before, *comparison.difference_cells(gain), f"{more:+.0f}"]
         rows.append([name, change, *(cells[column] for column in shown), *gained])
-        of_hidden = format_share(recall_of(hidden, "add") if hidden else None)
+        of_hidden = format_share(comparison.recall_of(hidden, "add") if hidden else None)
         recalls = [*(cells[column] for column in of_figures.values()), of_hidden]
-        figures.append([name, change, *recalls, before if gain else "", *with_ends(gain)])
+        figures.append(
+            [name, change, *recalls, before if gain else "", *comparison.with_ends(gain)]
+        )
     table = Table(["step", "change", *shown, "against", "gained", "95 % of it", "ms more"], rows)
-    header = ["step", "change", *of_figures, f"visible_below_{WELL_VISIBLE:g}"]
+    header = ["step", "change", *of_figures, f"visible_below_{comparison.WELL_VISIBLE:g}"]
     header += ["from", "gain", "gain_low", "gain_high"]
     notes, wide = [*_made_by(found), _LADDER_NOTE], ["change", *shown[1:5], "load"]
     figure = _draw_ladder(runs, gains)

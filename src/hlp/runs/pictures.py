@@ -19,15 +19,8 @@ from hlp.arrays import grouped, spread
 from hlp.config.build import Run
 from hlp.progress import Progress
 from hlp.records import PoseEstimate, TargetScore, frame_key
-from hlp.reporting.figures import save_jpeg
+from hlp.reporting.figures import save_jpeg, stage_figures
 from hlp.reporting.figures.panels import SeenTarget, draw_overview, draw_panels, write_picture
-from hlp.reporting.figures.stage_figures import (
-    entries_sheet,
-    swarm_figure,
-    training_sheet,
-    view_sheet,
-    viewpoint_figure,
-)
 from hlp.reporting.page import report_data
 from hlp.results.recalls import TargetKey, numbered_targets
 from hlp.runs.stage_samples import FrameResults, entries_on_target, sample_windows, swarms_of_target
@@ -148,29 +141,31 @@ class _Pictures:
 
     def _viewpoints(self) -> "Figure":
         first = self._run.dataset.target_ids[0]
-        return viewpoint_figure(self._training.load_views(first), self._training.models[first].name)
+        return stage_figures.viewpoint_figure(
+            self._training.load_views(first), self._training.models[first].name
+        )
 
     def _views(self) -> "Figure":
         training = self._training
-        return view_sheet(
+        return stage_figures.view_sheet(
             {training.models[i].name: training.load_views(i) for i in training.classes}
         )
 
     def _training_windows(self) -> "Figure":
         images, labels = sample_windows(self._training)
         names = ["background", *(self._training.models[i].name for i in self._training.classes)]
-        return training_sheet(images, labels, names)
+        return stage_figures.training_sheet(images, labels, names)
 
     def _nearest_entries(self) -> "Figure | None":
         targets = (self._seen(key, place)[1] for key, place in self._drawn[:_TARGETS])
         entries = [patch for seen in targets for patch in entries_on_target(self._training, seen)]
-        return entries_sheet(entries) if entries else None
+        return stage_figures.entries_sheet(entries) if entries else None
 
     def _swarms(self) -> "Figure | None":
         seen = (self._seen(key, place) for key, place in self._drawn[:_TARGETS])
         swarms = [swarms_of_target(self._detection, *shown) for shown in seen]
         drawn = [swarm for swarm in swarms if swarm is not None]
-        return swarm_figure(drawn) if drawn else None
+        return stage_figures.swarm_figure(drawn) if drawn else None
 
     def keep_report_data(self, object_ids: set[int]) -> None:
         """What the run's page shows beside its results: objects, pictures and scenes."""

@@ -26,17 +26,10 @@ from hlp.results.recalls import TargetKey, add_verdicts, write_target_values
 from hlp.settings import Doc, NotNegative, Settings
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
-from hlp.studies.bench_times import (
-    PartClock,
-    TimedDetection,
-    describe_machine,
-    load_timed,
-    share_of_same,
-    summarise_path,
-)
+from hlp.studies import bench_times
 from hlp.studies.study_run import FrameCount, study_run
 
-Detections = dict[str, list[TimedDetection]]
+Detections = dict[str, list[bench_times.TimedDetection]]
 
 
 @TASKS.register
@@ -66,7 +59,7 @@ class BenchSettings(Settings):
         paths = {CONFIGURED: run.settings}
         paths |= {name: with_changes(run, changes) for name, changes in self.compared.items()}
         with study_run(run, output) as (store, _):
-            machine = describe_machine(run.settings)
+            machine = bench_times.describe_machine(run.settings)
             keys = spread(run.keys, self.frames)
             for settings in paths.values():
                 TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
@@ -101,8 +94,8 @@ def _summarise(
     }
     configured, paths = detections[CONFIGURED], {}
     for name, own in detections.items():
-        same = share_of_same(configured, own, models, (task.same_mm, task.same_deg))
-        paths[name] = summarise_path(own, scores[name]) | {"same_pose": same}
+        same = bench_times.share_of_same(configured, own, models, (task.same_mm, task.same_deg))
+        paths[name] = bench_times.summarise_path(own, scores[name]) | {"same_pose": same}
     return paths, add_verdicts(scores[CONFIGURED])
 
 
@@ -120,7 +113,7 @@ def _make_estimators(
         find = FindSettings.of(settings.method)
         estimators[name] = PoseEstimator(training, find, dataset.target_ids)
         objects = {number: dataset.models[number].name for number in dataset.target_ids}
-        loading = load_timed(estimators[name], objects)
+        loading = bench_times.load_timed(estimators[name], objects)
         _detect_all(estimators[name], frame, tuple(dataset.instances_to_find(frame)))
         if name == CONFIGURED:
             loaded = loading
@@ -145,17 +138,17 @@ def _measure(run: Run, estimators: Mapping[str, PoseEstimator], keys: Sequence[s
 
 def _detect_all(
     estimator: PoseEstimator, frame: Frame, object_ids: Sequence[int]
-) -> list[TimedDetection]:
+) -> list[bench_times.TimedDetection]:
     """Find every object in one frame; what they share is part of the first one's time."""
     found = []
-    clock, context = PartClock(), None
+    clock, context = bench_times.PartClock(), None
     for place, object_id in enumerate(object_ids):
         context = estimator.prepare(frame, observer=clock.enter) if context is None else context
         trace = search_frame(context, {object_id: 1}, by_threads=False)[object_id]
         spent, refined = clock.stop(), trace.refined
         pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
-        found.append(TimedDetection(estimate, place, spent))
+        found.append(bench_times.TimedDetection(estimate, place, spent))
     return found
 
 

@@ -9,15 +9,7 @@ from jaxtyping import Float, Int
 
 from hlp.arrays import CameraMatrix, Image, Mask, Pose, Rgb, Vector
 from hlp.data.dataset import DATASETS, Dataset, DataSettings, content_hash
-from hlp.data.synthetic.layout import (
-    Item,
-    SceneSettings,
-    between,
-    light_from_above,
-    look_at,
-    place_clutter,
-    place_targets,
-)
+from hlp.data.synthetic import layout
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
 from hlp.fingerprints import source_digest
@@ -35,7 +27,7 @@ _CACHED = 64  # frames of 2 MB each at full size: rendering takes longer than fi
 
 @DATASETS.register
 @dataclass(frozen=True)
-class SyntheticSettings(SceneSettings):
+class SyntheticSettings(layout.SceneSettings):
     """Config group `data`: the synthetic demo, objects modelled in code, scenes rendered on demand.
 
     Every value is ours (D). Ranges are [least, most].
@@ -55,7 +47,7 @@ class Scene:
     `index` is the number of the item seen at each pixel, -1 for none; `depth` in metres, 0 = none.
     """
 
-    items: tuple[Item, ...]
+    items: tuple[layout.Item, ...]
     pose_cam_world: Pose
     rgb: Rgb
     depth: Image
@@ -74,7 +66,7 @@ class SyntheticScenes:
     the frames without seeing a target. Raises ValueError naming a setting that makes no scene.
     """
 
-    def __init__(self, settings: SceneSettings, targets: bool = True) -> None:
+    def __init__(self, settings: layout.SceneSettings, targets: bool = True) -> None:
         self.settings = settings
         self._targets = targets
         self._scale = settings.width / _FULL_SIZE[0], settings.shape[0] / _FULL_SIZE[1]
@@ -121,7 +113,7 @@ class SyntheticScenes:
         rng = self._rng(self._numbers[key], "layout")
         settings = self.settings
         azimuth = rng.uniform(0.0, 2 * np.pi)
-        pose_cam_world = look_at(
+        pose_cam_world = layout.look_at(
             target=np.array([*rng.uniform(-0.04, 0.04, 2), 0.05]),
             distance=rng.uniform(*settings.distance_mm) / 1000.0,
             azimuth=azimuth,
@@ -129,7 +121,7 @@ class SyntheticScenes:
             roll=np.radians(rng.uniform(-settings.roll_deg, settings.roll_deg)),
         )
         items = self._place(inverse(pose_cam_world)[:3, 3], rng)
-        light = light_from_above(pose_cam_world, rng)
+        light = layout.light_from_above(pose_cam_world, rng)
         parts = [(item.mesh, pose_cam_world @ item.pose_world_obj) for item in items]
         view = (self.camera_matrix, settings.shape, light)
         rgb, depth, index = render_scene(parts, *view)
@@ -154,17 +146,18 @@ class SyntheticScenes:
         )
         return np.asarray(scene.index == number)
 
-    def _place(self, eye: Vector, rng: np.random.Generator) -> list[Item]:
+    def _place(self, eye: Vector, rng: np.random.Generator) -> list[layout.Item]:
         """Randomly chosen objects and clutter; only clutter without targets."""
         settings = self.settings
-        count = between(settings.objects, rng)
-        clutter = between(settings.clutter, rng)
+        count = layout.between(settings.objects, rng)
+        clutter = layout.between(settings.clutter, rng)
         if not self._targets:
-            return place_clutter(count + clutter, [], eye, rng)
+            return layout.place_clutter(count + clutter, [], eye, rng)
         models = list(demo_objects().values())
         chosen = rng.permutation(len(models))[:count]
-        items = place_targets([models[i] for i in chosen], np.radians(settings.tilt_deg), rng)
-        return items + place_clutter(clutter, items, eye, rng)
+        shown = [models[i] for i in chosen]
+        items = layout.place_targets(shown, np.radians(settings.tilt_deg), rng)
+        return items + layout.place_clutter(clutter, items, eye, rng)
 
     def _find_targets(self, scene: Scene) -> tuple[Target, ...]:
         """The objects that are sufficiently visible, by object id."""
@@ -205,7 +198,7 @@ def dataset_of(
     )
 
 
-def silhouette_area(item: Item, pose_cam_obj: Pose, camera_matrix: CameraMatrix) -> int:
+def silhouette_area(item: layout.Item, pose_cam_obj: Pose, camera_matrix: CameraMatrix) -> int:
     """Number of pixels that an item would cover without occlusion and image border."""
     pixels = project(transform(pose_cam_obj, item.mesh.vertices), camera_matrix)
     low = np.floor(pixels.min(axis=0)) - 1

@@ -19,18 +19,11 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+from hlp import fingerprints
 from hlp.codebook.entries import load_codebook
 from hlp.codebook.neighbours import is_joint
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, write_json
-from hlp.fingerprints import (
-    SEAL,
-    content_checksum,
-    find_damaged,
-    folder_checksums,
-    seal_is_whole,
-    sealed,
-)
 from hlp.folders import own_files
 from hlp.method.find.patch_matching import load_codebooks, search_groups
 from hlp.method.learn.model_files import load_classifier, read_model
@@ -67,7 +60,7 @@ class LearntRecord(Stored):
 
 def write_record(folder: Path, record: LearntRecord) -> None:
     """Write `learnt.json`. It is written last: a folder with one is complete."""
-    write_json(folder / RECORD, sealed({"format": FORMAT, **asdict(record)}))
+    write_json(folder / RECORD, fingerprints.sealed({"format": FORMAT, **asdict(record)}))
 
 
 def read_record(folder: Path) -> LearntRecord:
@@ -85,7 +78,7 @@ def read_record(folder: Path) -> LearntRecord:
         raise DamagedError(f"{error}: {_AGAIN}") from error
     fields = content if isinstance(content, dict) else {}
     known = fields.get("format") == FORMAT
-    if (known or SEAL in fields) and not seal_is_whole(fields):
+    if (known or fingerprints.SEAL in fields) and not fingerprints.seal_is_whole(fields):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
     if not known:
         raise DataError(
@@ -113,7 +106,7 @@ def check_files(folder: Path, record: LearntRecord, part: str = "") -> None:
     """
     below = f"{part}/" if part else ""
     own = {name: checksum for name, checksum in record.files.items() if name.startswith(below)}
-    for name in find_damaged(folder, own):
+    for name in fingerprints.find_damaged(folder, own):
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder / name} is missing: {_AGAIN}")
         raise DamagedError(f"{folder / name} is damaged: {_AGAIN}")
@@ -196,7 +189,7 @@ class LearntFolder:
 
 def _searches_part(object_ids: Sequence[int]) -> str:
     """Where in a folder the search in the codebooks of several objects lies."""
-    return f"{SEARCHES}/{content_checksum(repr(list(object_ids)).encode())[:8]}"
+    return f"{SEARCHES}/{fingerprints.content_checksum(repr(list(object_ids)).encode())[:8]}"
 
 
 def write_searches(folder: Path, record: LearntRecord) -> dict[str, str]:
@@ -214,6 +207,6 @@ def write_searches(folder: Path, record: LearntRecord) -> dict[str, str]:
         part = _searches_part(members)
         (folder / part).mkdir(parents=True, exist_ok=True)
         settings.codebook.prepare(features, settings.seed, folder / part)
-        written = folder_checksums(folder / part)
+        written = fingerprints.folder_checksums(folder / part)
         files |= {f"{part}/{name}": checksum for name, checksum in written.items()}
     return files

@@ -17,16 +17,7 @@ from hlp.folders import found_below
 from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.figures import as_svg, charts, in_base64
 from hlp.reporting.figures.bars import object_bars
-from hlp.reporting.page.report_data import (
-    COLUMNS,
-    DIGITS,
-    PANELS,
-    ReportData,
-    drawn_stages,
-    target_pictures,
-    target_rows,
-    target_scenes,
-)
+from hlp.reporting.page import report_data
 from hlp.reporting.results import run_command
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,
@@ -103,10 +94,11 @@ def write_run_page(folder: Path) -> Path:
     Raises MissingFileError and DataError for files that are absent or broken.
     """
     summary, manifest = read_summary(folder / SUMMARY), read_json(folder / MANIFEST)
-    targets, kept = read_targets(folder / SCORES), ReportData.read(folder)
-    stages, frames = drawn_stages(folder), sorted((folder / PANELS).glob("*_poses.jpg"))[:_FRAMES]
+    targets, kept = read_targets(folder / SCORES), report_data.ReportData.read(folder)
+    stages = report_data.drawn_stages(folder)
+    frames = sorted((folder / report_data.PANELS).glob("*_poses.jpg"))[:_FRAMES]
     room = _MOST_BYTES - sum(path.stat().st_size for path in (*stages.values(), *frames))
-    pictures = target_pictures(folder, kept, targets, room)
+    pictures = report_data.target_pictures(folder, kept, targets, room)
     config: Mapping[str, Any] = manifest.get("config", {})
     return write_page(
         folder,
@@ -120,12 +112,12 @@ def write_run_page(folder: Path) -> Path:
         frames={path.stem.removesuffix("_poses"): in_base64(path.read_bytes()) for path in frames},
         times=timing_words(summary),
         scores=" ".join(filter(None, (calibration_words(summary), false_alarm_words(summary)))),
-        columns=COLUMNS,
-        digits=DIGITS,
-        rows=target_rows(targets),
+        columns=report_data.COLUMNS,
+        digits=report_data.DIGITS,
+        rows=report_data.target_rows(targets),
         pictures=pictures,
         stages={words: in_base64(path.read_bytes()) for words, path in stages.items()},
-        scenes=target_scenes(kept, targets),
+        scenes=report_data.target_scenes(kept, targets),
         left_out=len(kept.targets) - len(pictures),
         **how_to_repeat(folder, manifest),
     )
@@ -149,7 +141,7 @@ def _charts(
     folder: Path,
     summary: Mapping[str, Any],
     scores: Mapping[TargetKey, ScoredTarget],
-    kept: ReportData,
+    kept: report_data.ReportData,
 ) -> dict[str, str]:
     """SVG in base64 by name; empty where there is nothing to draw."""
     targets = list(scores.values())
