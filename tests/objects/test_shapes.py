@@ -58,7 +58,7 @@ def test_moved_turns_then_shifts_vertices_and_normals():
 def test_merge_keeps_triangles_and_colors_of_each_part():
     red = shapes.ellipsoid((0.01, 0.01, 0.01), (200, 0, 0))
     blue = shapes.moved(shapes.cylinder(0.01, 0.02, (0, 0, 200)), (1.0, 0.0, 0.0))
-    both = shapes.merge([red, blue])
+    both = shapes.merge(red, blue)
     assert len(both.faces) == len(red.faces) + len(blue.faces)
     corner = both.vertices[both.faces[:, 0]]
     expected = np.where(corner[:, :1] > 0.5, [0, 0, 200], [200, 0, 0])

@@ -63,7 +63,7 @@ def _random_thing(rng: np.random.Generator) -> Mesh:
     for _ in range(int(rng.integers(1, 5))):
         turn = _random_turn(rng)
         parts.append(moved_by(random_shape(rng), rigid(turn, rng.normal(0.0, 0.03, 3))))
-    return _unit_size(merge(parts))[0]
+    return _unit_size(merge(*parts))[0]
 
 
 def _random_turn(rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:

@@ -39,7 +39,7 @@ def solid(vertices: Points, faces: Int[np.ndarray, "f 3"], color: Color) -> Mesh
     )
 
 
-def merge(parts: Sequence[Mesh]) -> Mesh:
+def merge(*parts: Mesh) -> Mesh:
     """One mesh with the vertices and faces of several."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
     return Mesh(

@@ -22,7 +22,7 @@ from hlp.progress import Progress
 from hlp.records import Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.stages.executor_settings import ExecutorSettings
-from hlp.stages.manifest import device_name, fingerprint, stage_code
+from hlp.stages.manifest import Description, described, device_name, fingerprint, stage_code
 from hlp.stages.store import Output
 from hlp.stages.trace_files import has_arrays, read_trace, write_failure, write_trace
 from hlp.stages.training import TrainingStages
@@ -89,12 +89,12 @@ class DetectionStages:
         if last in self.made and visit is None:
             return self.made[last]
         self.training.make_for(self.dataset.target_ids)
-        described = self._descriptions(STAGES[: STAGES.index(last) + 1])
+        named = self._descriptions(STAGES[: STAGES.index(last) + 1])
         with ExitStack() as stack:
-            stacks = {stage: stack.enter_context(ExitStack()) for stage in described}
+            stacks = {stage: stack.enter_context(ExitStack()) for stage in named}
             opened = {
                 stage: stacks[stage].enter_context(self.store.open(stage, name, description))
-                for stage, (name, description) in described.items()
+                for stage, (name, description) in named.items()
             }
             folders = {stage: folder for stage, (folder, _) in opened.items()}
             missing = [stage for stage, (_, finished) in opened.items() if not finished]
@@ -106,7 +106,7 @@ class DetectionStages:
                     self._visit(key, read_trace(folders, key), visit)
             for own in stacks.values():
                 own.close()  # publishes what was made, in the order of the stages
-        for stage, (name, _) in described.items():
+        for stage, (name, _) in named.items():
             self.made[stage] = Output(name, self.store.root / stage / name)
         return self.made[last]
 
@@ -121,7 +121,7 @@ class DetectionStages:
             logging.getLogger(__name__).warning("frame %s cannot be used: %s", key, found)
         self.failed[key] = found
 
-    def _descriptions(self, stages: Sequence[Stage]) -> dict[Stage, tuple[str, dict[str, Any]]]:
+    def _descriptions(self, stages: Sequence[Stage]) -> dict[Stage, tuple[str, Description]]:
         """Fingerprint of each stage, and everything that it depends on."""
         dataset, before = self.dataset, dict[str, str]()
         common: dict[str, Any] = {
@@ -132,19 +132,15 @@ class DetectionStages:
         if self.bad_frames:
             common["bad_frames"] = sorted(self.bad_frames)
         always = search_frame.__module__, write_trace.__module__, type(dataset.frames).__module__
-        described: dict[Stage, tuple[str, dict[str, Any]]] = {}
+        named: dict[Stage, tuple[str, Description]] = {}
         for stage in stages:
             settings, inputs, modules = self._made_from(stage)
             upstream = {**before, **inputs, "frames": dataset.frames_identity}
-            of = {
-                "settings": settings | common,
-                "upstream": upstream,
-                "seed": self.settings.seed,
-                "code": stage_code(*always, *modules),
-            }
-            described[stage] = fingerprint(stage, of), of
-            before = {stage: described[stage][0]}
-        return described
+            code = stage_code(*always, *modules)
+            of = described(settings | common, upstream, self.settings.seed, code)
+            named[stage] = fingerprint(stage, of), of
+            before = {stage: named[stage][0]}
+        return named
 
     def _made_from(self, stage: Stage) -> tuple[dict[str, Any], dict[str, str], list[str]]:
         """Settings that the estimator is handed for a stage, inputs, and modules of alternatives.

@@ -40,6 +40,15 @@ def stage_code(*modules: str) -> Code:
     return code_of(*sorted(set(modules)), leaving_out=_COLLECTS)
 
 
+Description = dict[str, Any]
+"""Settings, upstream, seed and code of an output: what its name is made of."""
+
+
+def described(settings: Any, upstream: Mapping[str, str], seed: int, code: Code) -> Description:
+    """What `fingerprint` takes, and `stage.json` holds."""
+    return {"settings": settings, "upstream": upstream, "seed": seed, "code": code}
+
+
 def fingerprint(stage: str, description: Mapping[str, Any]) -> str:
     """Digest (16 hex digits) of everything that affects a stage's output.
 

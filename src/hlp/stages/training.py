@@ -26,12 +26,9 @@ from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
 from hlp.refinement.score_model import ScoreModel, load_score_model, prior_of, save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
-from hlp.stages.manifest import device_name, fingerprint, stage_code
+from hlp.stages.manifest import Description, described, device_name, fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
-
-Description = dict[str, Any]
-"""Settings, upstream, seed and code of an output: what its name is made of."""
 
 
 class TrainingStages:
@@ -264,10 +261,4 @@ class TrainingStages:
         """
         known = (part for part in parts if part is not None)
         modules = (part if isinstance(part, str) else type(part).__module__ for part in known)
-        code = stage_code(*modules)
-        return {
-            "settings": settings,
-            "upstream": upstream,
-            "seed": self.settings.seed,
-            "code": code,
-        }
+        return described(settings, upstream, self.settings.seed, stage_code(*modules))

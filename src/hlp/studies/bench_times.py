@@ -93,16 +93,13 @@ def summarise_path(
 def _milliseconds(detections: Sequence[TimedDetection], clock: str) -> pd.DataFrame:
     """A row for each search, a column for each part, each stage and the total."""
     nothing = Spent(0.0, 0.0)
-    table = pd.DataFrame(
-        [
-            {part: 1e3 * getattr(found.spent.get(part, nothing), clock) for part in PARTS}
-            for found in detections
-        ],
-        pd.MultiIndex.from_tuples(
-            [(own.estimate.scene_id, own.estimate.frame_id, own.place) for own in detections],
-            names=["scene", "frame", "place"],
-        ),
-    )
+    rows = [
+        {part: 1e3 * getattr(found.spent.get(part, nothing), clock) for part in PARTS}
+        for found in detections
+    ]
+    ids = [(own.estimate.scene_id, own.estimate.frame_id, own.place) for own in detections]
+    index = pd.MultiIndex.from_tuples(ids, names=["scene", "frame", "place"])
+    table = pd.DataFrame(rows, index)
     stages = {
         f"stage {stage}": table[[part for part, of in PARTS.items() if of == stage]].sum(axis=1)
         for stage in dict.fromkeys(PARTS.values())

@@ -28,7 +28,7 @@ from hlp.results.poses_file import read_scores
 from hlp.results.recalls import TargetKey, add_verdicts
 from hlp.runs import runner
 from hlp.settings import Count, Doc, NotNegative, Settings
-from hlp.stages.manifest import fingerprint
+from hlp.stages.manifest import described, fingerprint
 from hlp.studies.study_run import study_code, study_run
 
 if TYPE_CHECKING:
@@ -112,12 +112,8 @@ def _study_name(run: Run, task: SearchSettings) -> str:
     settings = {"config": config, "space": task.space.parameters, "limit_ms": task.limit_ms}
     method, frames = run.settings.method, run.dataset.frames
     chosen = (method.encoder, method.codebook, method.voting, method.refinement)
-    description = {
-        "settings": settings,
-        "upstream": {"frames": run.dataset.frames_identity},
-        "seed": run.settings.seed,
-        "code": study_code(__name__, *chosen, frames),
-    }
+    upstream, code = {"frames": run.dataset.frames_identity}, study_code(__name__, *chosen, frames)
+    description = described(settings, upstream, run.settings.seed, code)
     return f"{task.space.name}_{fingerprint('search', description)}"
 
 

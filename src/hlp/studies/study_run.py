@@ -20,7 +20,7 @@ from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import begun, say_where
 from hlp.settings import Doc
-from hlp.stages.manifest import fingerprint
+from hlp.stages.manifest import described, fingerprint
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import has_arrays, write_arrays
 
@@ -87,6 +87,5 @@ def stage_of_frames(
             if not has_arrays(folder, key):
                 write_arrays(folder, key, find(run.dataset.frames.load(key)))
 
-    seed = run.settings.seed
-    described = {"settings": settings, "upstream": upstream, "seed": seed, "code": code}
-    return store.get_or_make(study, fingerprint(study, described), make, described, label)
+    description = described(settings, upstream, run.settings.seed, code)
+    return store.get_or_make(study, fingerprint(study, description), make, description, label)

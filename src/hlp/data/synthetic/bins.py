@@ -215,17 +215,15 @@ def _bracket() -> Mesh:
     eyes = [((0.0, 0.0), 0.004), ((0.062, 0.0), 0.006), ((0.0, 0.040), 0.006)]
     arms = [((0.031, 0.0), (0.046, 0.022)), ((0.0, 0.020), (0.022, 0.024))]
     return merge(
-        [
-            *(moved(_eye(0.013, bore, 0.014), (*place, 0.0)) for place, bore in eyes),
-            *(moved(_bar(size, 0.014), (*place, 0.0)) for place, size in arms),
-        ]
+        *(moved(_eye(0.013, bore, 0.014), (*place, 0.0)) for place, bore in eyes),
+        *(moved(_bar(size, 0.014), (*place, 0.0)) for place, size in arms),
     )
 
 
 def _lever() -> Mesh:
     """An arm, 12 mm thick, from a hub, 20 mm thick, to a smaller eye."""
     hub, arm = _eye(0.015, 0.006, 0.020), _bar((0.062, 0.016), 0.012)
-    return merge([hub, moved(arm, (0.039, 0, 0)), moved(_eye(0.010, 0.004, 0.012), (0.075, 0, 0))])
+    return merge(hub, moved(arm, (0.039, 0, 0)), moved(_eye(0.010, 0.004, 0.012), (0.075, 0, 0)))
 
 
 def _eye(radius: float, bore: float, thickness: float) -> Mesh:

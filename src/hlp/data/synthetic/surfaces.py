@@ -148,7 +148,7 @@ def _shadows(
 
     It is `direct` in the shadows of items; near and below items some ambient light is missing, too.
     """
-    things = merge([moved_by(item.coarse, item.pose_world_obj) for item in items])
+    things = merge(*(moved_by(item.coarse, item.pose_world_obj) for item in items))
     slant = toward_light / toward_light[2]
     cast = _seen_from_above(things, things.vertices - things.vertices[:, 2:] * slant)
     below = _seen_from_above(things, things.vertices * np.array([1.0, 1.0, 0.0]))
