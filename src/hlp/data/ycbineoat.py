@@ -107,14 +107,10 @@ class YcbineoatFrames(FileFrames):
                     "there must be one for each image"
                 )
             by_name = {image.stem: pose for image, pose in zip(images, poses, strict=True)}
-        posed = [path for path in images if path.stem in by_name]
+        posed, depths = [path for path in images if path.stem in by_name], self.root / "depth"
         return {
-            frame_key(_SCENE_ID, number): (
-                image,
-                by_name[image.stem],
-                find_image(self.root / "depth", image.stem),
-            )
-            for number, image in enumerate(posed)
+            frame_key(_SCENE_ID, i): (image, by_name[image.stem], find_image(depths, image.stem))
+            for i, image in enumerate(posed)
         }
 
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:

@@ -115,10 +115,8 @@ def _precisions(answers: Sequence[_Answers], instances: int) -> Float[np.ndarray
     if not answers:
         return np.zeros(len(_NAMES))
     order = np.argsort(-np.concatenate([own.scores for own in answers]), kind="stable")
-    right, counted = (
-        np.concatenate(parts, axis=1)[:, order]
-        for parts in ([own.right for own in answers], [own.counted for own in answers])
-    )
+    right = np.concatenate([own.right for own in answers], axis=1)[:, order]
+    counted = np.concatenate([own.counted for own in answers], axis=1)[:, order]
     hits, total = right.cumsum(axis=1), counted.cumsum(axis=1)
     precision = np.divide(hits, total, out=np.zeros(hits.shape), where=total > 0)
     falling = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]

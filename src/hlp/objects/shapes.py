@@ -205,12 +205,9 @@ def _box_grid(half: Point, spacing: float) -> tuple[Points, np.ndarray]:
     vertices, faces, count = [], [], 0
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        steps = [max(1, int(np.ceil(2 * half[i] / spacing))) for i in (u, v)]
-        uu, vv = np.meshgrid(
-            np.linspace(-half[u], half[u], steps[0] + 1),
-            np.linspace(-half[v], half[v], steps[1] + 1),
-            indexing="ij",
-        )
+        steps = ((end, max(1, int(np.ceil(2 * end / spacing)))) for end in (half[u], half[v]))
+        along = (np.linspace(-end, end, parts + 1) for end, parts in steps)
+        uu, vv = np.meshgrid(*along, indexing="ij")
         number = np.arange(uu.size).reshape(uu.shape)
         a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
         c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()

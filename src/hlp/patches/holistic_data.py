@@ -48,18 +48,10 @@ class HolisticDataModule(PoolDataModule):
     def compose(self, batch: Batch, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """Images and labels of one batch of pooled windows."""
         count, size = batch["mask"].shape[:2]
-        draws = draw_composites(
-            rng, count, size, len(self.backgrounds.color), self.background_share
-        )
-        windows = (batch[name].numpy() for name in ("color", "depth", "mask"))
-        images = compose_windows(
-            ObjectWindows(*windows),
-            self.backgrounds,
-            draws,
-            self._noise,
-            self.channels == "rgbd",
-            self.threads,
-        )
+        behind, with_depth = self.backgrounds, self.channels == "rgbd"
+        draws = draw_composites(rng, count, size, len(behind.color), self.background_share)
+        windows = ObjectWindows(*(batch[name].numpy() for name in ("color", "depth", "mask")))
+        images = compose_windows(windows, behind, draws, self._noise, with_depth, self.threads)
         labels = batch["labels"].clone()
         labels[torch.from_numpy(draws["background_only"].copy())] = BACKGROUND
         # A view: channels stay last in memory, which the network is fastest with.

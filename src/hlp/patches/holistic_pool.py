@@ -144,10 +144,8 @@ def bake_backgrounds(
     seen = [spread([f for f in group if (f.depth > 0).any()], count) for group in frames]
     cut = [(frame, count // len(group)) for group in seen for frame in group]
     total = len(photograph_crops) + sum(share for _, share in cut)
-    pool = BackgroundPool(
-        np.empty((total, resolution, resolution, 3), dtype=np.uint8),
-        np.zeros((total, resolution, resolution), dtype=np.uint8),
-    )
+    shape = (total, resolution, resolution)
+    pool = BackgroundPool(np.empty((*shape, 3), dtype=np.uint8), np.zeros(shape, dtype=np.uint8))
     stop = len(photograph_crops)
     pool.color[:stop] = photograph_crops
     for frame, share in cut:

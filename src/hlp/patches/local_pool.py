@@ -90,20 +90,11 @@ def bake_frame_patches(
     found = []
     for frame in frames:
         shape = (frame.depth.shape[0], frame.depth.shape[1])
-        grid = pixel_grid(shape, 2)
+        grid, image = pixel_grid(shape, 2), (frame.rgb, frame.depth, frame.camera_matrix)
         for side in sides:
             count = min(per_frame // len(sides), len(grid))
-            chosen = rng.choice(len(grid), count, replace=False)
-            patches = cut_local_patches(
-                frame.rgb,
-                frame.depth,
-                frame.camera_matrix,
-                grid[chosen],
-                side,
-                local,
-                _FRAME_MIN_VALID,
-            )
-            found.append(patches)
+            pixels = grid[rng.choice(len(grid), count, replace=False)]
+            found.append(cut_local_patches(*image, pixels, side, local, _FRAME_MIN_VALID))
     return found
 
 

@@ -102,14 +102,8 @@ def _remap(
     for start in range(0, count, chunk):
         xs, ys = x[start : start + chunk], y[start : start + chunk]
         shape = (len(xs), resolution, resolution)
-        map_x = np.broadcast_to(xs[:, None, :], shape).reshape(-1, resolution)
-        map_y = np.broadcast_to(ys[:, :, None], shape).reshape(-1, resolution)
-        flat = cv2.remap(
-            image,
-            np.ascontiguousarray(map_x),
-            np.ascontiguousarray(map_y),
-            interpolation,
-            borderMode=cv2.BORDER_CONSTANT,
-        )
+        places = np.broadcast_to(xs[:, None, :], shape), np.broadcast_to(ys[:, :, None], shape)
+        x_of, y_of = (np.ascontiguousarray(each).reshape(-1, resolution) for each in places)
+        flat = cv2.remap(image, x_of, y_of, interpolation, borderMode=cv2.BORDER_CONSTANT)
         parts.append(flat.reshape(*shape, *image.shape[2:]))
     return np.concatenate(parts)

@@ -64,13 +64,8 @@ def _values(result: Result, keys: Sequence[str]) -> dict[str, str]:
 def _repeat_rows(repeats: Sequence[Result], keys: Sequence[str]) -> list[dict[str, str]]:
     """A row a result; of several, which differ by their seeds, also their mean and spread."""
     rows = [
-        {
-            "frames": str(result.frames),
-            **run_cells(result.summary),
-            **_values(result, keys),
-            **_count_cells([result]),
-        }
-        for result in repeats
+        {"frames": str(r.frames), **run_cells(r.summary), **_values(r, keys), **_count_cells([r])}
+        for r in repeats
     ]
     if SEED not in keys or len(repeats) < 2:
         return rows

@@ -95,15 +95,10 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     """
     paper = paper_recalls([*summary["per_object"]])
     metrics = [summary["metrics"][key] for key in METRIC_LABELS]
-    rows = [
-        [
-            name,
-            str(scores["targets"]),
-            *(format_share(scores[key]["recall"]) for key in METRIC_LABELS),
-            format_share(ADD_BY_OBJECT.get(name)),
-        ]
-        for name, scores in summary["per_object"].items()
-    ]
+    rows = []
+    for name, scores in summary["per_object"].items():
+        recalls = (format_share(scores[key]["recall"]) for key in METRIC_LABELS)
+        rows.append([name, str(scores["targets"]), *recalls, format_share(ADD_BY_OBJECT.get(name))])
     targets, of_paper = str(summary["targets"]), format_share(fmean(paper) if paper else None)
     means = (format_share(metric["mean_object"]) for metric in metrics)
     rows.append(["mean of objects", targets, *means, of_paper])

@@ -147,9 +147,8 @@ class _Pictures:
 
     def _views(self) -> "Figure":
         training = self._training
-        return stage_figures.view_sheet(
-            {training.models[i].name: training.load_views(i) for i in training.classes}
-        )
+        views = {training.models[i].name: training.load_views(i) for i in training.classes}
+        return stage_figures.view_sheet(views)
 
     def _training_windows(self) -> "Figure":
         images, labels = sample_windows(self._training)

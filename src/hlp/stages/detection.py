@@ -252,14 +252,12 @@ class DetectionStages:
         known = not self.dataset.search_all
         scores = {i: partial(model.scores, known_present=known) for i, model in models.items()}
         self.make("poses", visit or (lambda key, found: None))
-        return [
-            estimate
-            for key in self.keys
-            if key not in self.failed
-            for estimate in estimates_of(
-                key, self.read(key, ("poses",)), self.seconds.get(key, {}), scores
-            )
-        ]
+        found = list[PoseEstimate]()
+        for key in self.keys:
+            if key not in self.failed:
+                trace, seconds = self.read(key, ("poses",)), self.seconds.get(key, {})
+                found += estimates_of(key, trace, seconds, scores)
+        return found
 
 
 def seconds_of(trace: Trace) -> Seconds:

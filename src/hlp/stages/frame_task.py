@@ -45,15 +45,9 @@ class Worker:
         """A worker of an executor."""
         data, settings = training.dataset.settings, training.settings
         assert data is not None
-        machine = replace(settings.machine, threads=executor.threads)
-        return cls(
-            data,
-            replace(settings, machine=machine),
-            training.store.root,
-            what_makes(training.dataset),
-            dict(training.made),
-            on_bad_frame,
-        )
+        own = replace(settings, machine=replace(settings.machine, threads=executor.threads))
+        work, made_from = training.store.root, what_makes(training.dataset)
+        return cls(data, own, work, made_from, dict(training.made), on_bad_frame)
 
     def stages(self) -> DetectionStages:
         """The stages in the worker, as long as it works for one run.

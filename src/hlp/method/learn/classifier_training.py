@@ -77,18 +77,11 @@ def training_windows(
 def _windows(
     models: Sequence[ObjectModel], views_of: Callable[[int], Views], settings: ClassifierStage
 ) -> HolisticPool:
-    pools = []
+    sizes, pools = [model.holistic_size for model in models], []
+    of = sizes, settings.holistic.resolution, settings.pool
     for label, model in enumerate(Progress(models, "windows cut", unit="object"), 1):
-        pool = bake_windows(
-            views_of(model.object_id),
-            model,
-            label,
-            [other.holistic_size for other in models],
-            settings.holistic.resolution,
-            settings.pool,
-            np.random.default_rng([settings.seed, model.object_id]),
-        )
-        pools.append(pool)
+        rng = np.random.default_rng([settings.seed, model.object_id])
+        pools.append(bake_windows(views_of(model.object_id), model, label, *of, rng))
     return join(pools)
 
 
