@@ -44,9 +44,8 @@ def folder_checksums(folder: Path, leaving_out: Collection[str] = ()) -> dict[st
     `own_files` raises.
     """
     paths = (path.relative_to(folder) for path in own_files(folder))
-    names = sorted(
-        path.as_posix() for path in paths if not any(part.startswith(".") for part in path.parts)
-    )
+    shown = (path for path in paths if not any(part.startswith(".") for part in path.parts))
+    names = sorted(path.as_posix() for path in shown)
     return {name: file_checksum(folder / name) for name in names if name not in leaving_out}
 
 

@@ -49,9 +49,8 @@ def compose_and_call(
     An expected error ends the process with one line; see `fails_in_one_line`.
     """
     provide_defaults()
-    app = hydra.main(
-        version_base="1.3", config_path=str(folder or config_folder()), config_name="config"
-    )
+    place = str(folder or config_folder())
+    app = hydra.main(version_base="1.3", config_path=place, config_name="config")
     with fails_in_one_line():
         alone = [word for word in arguments if word in _ALONE]
         if len(alone) > 1:

@@ -36,9 +36,8 @@ def find_removable(work: Path, results: Iterable[Path]) -> list[Removable]:
     # Here none is left out with a warning: what it names would count as unreferenced.
     written = (path for folder in results for path in own_files(folder))
     manifests = [path for path in written if path.name == MANIFEST]
-    named = {
-        (event.stage, event.fingerprint) for path in manifests for event in named_outputs(path)
-    }
+    outputs = (output for path in manifests for output in named_outputs(path))
+    named = {(output.stage, output.fingerprint) for output in outputs}
     found = []
     for folder in sorted(work.glob("*/*")):
         kind = _kind(folder, named)

@@ -88,6 +88,5 @@ class RunSettings(MethodSettings):
     @property
     def method(self) -> MethodSettings:
         """The settings of the method alone, without data set, evaluation and reporting."""
-        return MethodSettings(
-            **{one.name: getattr(self, one.name) for one in fields(MethodSettings)}
-        )
+        own = {one.name: getattr(self, one.name) for one in fields(MethodSettings)}
+        return MethodSettings(**own)

@@ -245,9 +245,8 @@ class RealSenseCamera:
                 "the camera states a distortion of its colour images, which is not undone: %s",
                 list(color.coeffs),
             )
-        self._matrix = np.array(
-            [[color.fx, 0.0, color.ppx], [0.0, color.fy, color.ppy], [0.0, 0.0, 1.0]]
-        )
+        x_row, y_row = [color.fx, 0.0, color.ppx], [0.0, color.fy, color.ppy]
+        self._matrix = np.array([x_row, y_row, [0.0, 0.0, 1.0]])
 
     def __iter__(self) -> Iterator[CameraImage]:
         """The images as they come; see `Camera`. Raises DataError if none comes for 5 s."""

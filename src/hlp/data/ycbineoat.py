@@ -61,9 +61,8 @@ class YcbineoatSettings(FolderSettings):
         if not mesh.is_file():
             raise MissingFileError(f"data.mesh is not a file: {mesh} (set data.mesh=FILE)")
         name = mesh.stem if self.object is None else self.object
-        model = build_object_model(
-            name, ObjectSettings(_OBJECT_ID), mesh, self.mesh_scale, self.proxy_faces
-        )
+        own = ObjectSettings(_OBJECT_ID)
+        model = build_object_model(name, own, mesh, self.mesh_scale, self.proxy_faces)
         frames = YcbineoatFrames(root, self.depth_scale, max_megapixels=self.max_megapixels)
         models = {_OBJECT_ID: model}
         return Dataset(models, tuple(models), frames, **vars(images), settings=self)

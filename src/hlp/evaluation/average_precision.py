@@ -56,20 +56,16 @@ def average_precision(
     answers = _by_image(estimates)
     found: dict[int, list[_Answers]] = {object_id: [] for object_id in models}
     instances = dict.fromkeys(models, 0)
-    measures = {
-        i: BopRecalls(model, (meshes or {}).get(i, model.mesh)) for i, model in models.items()
-    }
+    given = meshes or {}
+    measures = {i: BopRecalls(model, given.get(i, model.mesh)) for i, model in models.items()}
     for truth in truths:
         own = answers.get((truth.scene_id, truth.frame_id), [])
         for object_id, model in models.items():
             targets = [target for target in truth.targets if target.object_id == object_id]
             ignored = np.array([t.visible_fraction < LEAST_VISIBLE for t in targets], dtype=bool)
             instances[object_id] += int((~ignored).sum())
-            poses = [
-                (e.score, e.pose_cam_obj)
-                for e in own
-                if e.object_id == object_id and e.pose_cam_obj is not None
-            ]
+            of_object = (e for e in own if e.object_id == object_id)
+            poses = [(e.score, e.pose_cam_obj) for e in of_object if e.pose_cam_obj is not None]
             if poses and targets:
                 measure = measures[object_id], model.diameter
                 true = [target.pose_cam_obj for target in targets]
@@ -101,9 +97,8 @@ def _judge(
     poses = [pose for _, pose in answers]
     mssd, mspd = measure.distances(true_poses, poses, truth.camera_matrix)
     limits = FRACTIONS * diameter, PIXELS * truth.width / WIDTH, LENGTHS
-    matched = np.stack(
-        [match(d[..., None], own)[:, 0] for d, own in zip((mssd, mspd, mssd), limits, strict=True)]
-    )
+    errors = zip((mssd, mspd, mssd), limits, strict=True)
+    matched = np.stack([match(error[..., None], own)[:, 0] for error, own in errors])
     # Row -1 of the instances stands for none.
     hidden = np.append(ignored, False)[matched]
     scores = np.array([score for score, _ in answers], dtype=np.float64)

@@ -41,13 +41,11 @@ class FrameTruth:
     @classmethod
     def of(cls, frame: Frame, with_depth: bool = False) -> "FrameTruth":
         """Take from a frame what scoring needs."""
-        width, packed = frame.rgb.shape[1], None
+        ids, packed = (frame.scene_id, frame.frame_id), None
         if with_depth:
             single = np.ascontiguousarray(frame.depth, dtype=np.float32)
             packed = zlib.compress(single.tobytes(), level=1)
-        return cls(
-            frame.scene_id, frame.frame_id, frame.camera_matrix, width, frame.targets, packed
-        )
+        return cls(*ids, frame.camera_matrix, frame.rgb.shape[1], frame.targets, packed)
 
     def unpacked_depth(self) -> Image | None:
         """The depth image (m)."""

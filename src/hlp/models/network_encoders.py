@@ -108,5 +108,4 @@ class ContrastiveSettings(NetworkSettings):
         from hlp.models.network_training import ContrastiveEncoder
 
         data = training.pair_batches(self.input == "rgbd", self.batch_size)
-        module = ContrastiveEncoder(self)
-        training.fit(module, data, self.epochs)
+        training.fit(ContrastiveEncoder(self), data, self.epochs)

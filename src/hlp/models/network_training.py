@@ -9,6 +9,7 @@ feature, InfoNCE removes them.
 import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import pytorch_lightning as pl
@@ -77,20 +78,18 @@ class HolisticCNN(nn.Sequential):
         self, channels: int, classes: int, widths: Sequence[int], hidden: int, dropout: float
     ) -> None:
         layers: list[nn.Module] = []
-        previous = channels
-        for depth, width in enumerate(widths):
+        for depth, (before, width) in enumerate(pairwise((channels, *widths))):
             kernel = 5 if depth == 0 else 3
             layers += [
-                nn.Conv2d(previous, width, kernel, stride=2, padding=kernel // 2, bias=False),
+                nn.Conv2d(before, width, kernel, stride=2, padding=kernel // 2, bias=False),
                 nn.BatchNorm2d(width),
                 nn.ReLU(inplace=True),
             ]
-            previous = width
         side = classifier.RESOLUTION // 2 ** len(widths)
         head = nn.Sequential(
             nn.Flatten(),
             nn.Dropout(dropout),
-            nn.Linear(previous * side * side, hidden),
+            nn.Linear(widths[-1] * side * side, hidden),
             nn.ReLU(inplace=True),
             nn.Dropout(dropout),
             nn.Linear(hidden, classes),
@@ -103,9 +102,8 @@ class HolisticClassifier(OneCycleModule):
 
     def __init__(self, settings: "ClassifierSettings", channels: int, classes: int) -> None:
         super().__init__(settings.learning_rate, settings.weight_decay, rise=0.2)
-        self.network = HolisticCNN(
-            channels, classes, settings.widths, settings.hidden, settings.dropout
-        )
+        layers = settings.widths, settings.hidden, settings.dropout
+        self.network = HolisticCNN(channels, classes, *layers)
 
     def images(self, batch: tuple[Tensor, Tensor]) -> Tensor:
         """The network's input (n, c, 64, 64) for a batch."""
@@ -154,16 +152,14 @@ class PatchEncoder(nn.Sequential):
 
     def __init__(self, widths: Sequence[int], dimension: int) -> None:
         layers: list[nn.Module] = []
-        previous = 4
-        for width in widths:
+        for before, width in pairwise((4, *widths)):
             layers += [
-                nn.Conv2d(previous, width, 3, stride=2, padding=1),
+                nn.Conv2d(before, width, 3, stride=2, padding=1),
                 nn.BatchNorm2d(width),
                 nn.LeakyReLU(0.1, inplace=True),
             ]
-            previous = width
         side = encoder.RESOLUTION // 2 ** len(widths)
-        dense = nn.Linear(previous * side**2, dimension)
+        dense = nn.Linear(widths[-1] * side**2, dimension)
         parts = OrderedDict(convolutions=nn.Sequential(*layers), flat=nn.Flatten(), dense=dense)
         super().__init__(parts)
 
@@ -244,9 +240,9 @@ class Autoencoder(OneCycleModule):
         return self._images(batch["color"].permute(0, 3, 1, 2).float() / 255.0, batch)
 
     def _images(self, color: Tensor, batch: dict[str, Tensor]) -> Tensor:
-        return encoder_input(
-            color, batch["depth"].float(), batch["valid"], self.settings.input
-        ).contiguous(memory_format=torch.channels_last)
+        depth, valid = batch["depth"].float(), batch["valid"]
+        images = encoder_input(color, depth, valid, self.settings.input)
+        return images.contiguous(memory_format=torch.channels_last)
 
     def training_step(self, batch: dict[str, Tensor], _: int) -> Tensor:
         """Mean squared error of one batch; from its colour under another light, if it has one."""

@@ -64,9 +64,8 @@ def moved(
 
 def moved_by(mesh: Mesh, motion: Pose) -> Mesh:
     """The mesh after a rigid motion."""
-    return replace(
-        mesh, vertices=transform(motion, mesh.vertices), normals=mesh.normals @ motion[:3, :3].T
-    )
+    vertices = transform(motion, mesh.vertices)
+    return replace(mesh, vertices=vertices, normals=mesh.normals @ motion[:3, :3].T)
 
 
 def centred(mesh: Mesh) -> Mesh:
@@ -146,9 +145,8 @@ def tube(
     circle = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * second[:, None]
     first, last = (_end_cap(line[end], spacing) for end in (0, -1))
     rings = np.concatenate([first[::-1], line, last])
-    circles = np.concatenate(
-        [np.repeat(circle[:1], len(first), 0), circle, np.repeat(circle[-1:], len(last), 0)]
-    )
+    ends = np.repeat(circle[:1], len(first), 0), np.repeat(circle[-1:], len(last), 0)
+    circles = np.concatenate([ends[0], circle, ends[1]])
     return _grid_surface(rings[:, None, :3] + rings[:, None, 3:] * circles, color)
 
 

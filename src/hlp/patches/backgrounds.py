@@ -105,9 +105,8 @@ def _gradients(count: int, size: int, rng: np.random.Generator) -> Float[np.ndar
     angle = rng.uniform(0, 2 * np.pi, (count, 1, 1))
     slope = rng.uniform(0.0, 0.5, (count, 1, 1))
     y, x = np.mgrid[0:size, 0:size] / size - 0.5
-    return np.asarray(
-        (slope * (np.cos(angle) * x + np.sin(angle) * y))[..., None], dtype=np.float32
-    )
+    change = slope * (np.cos(angle) * x + np.sin(angle) * y)
+    return np.asarray(change[..., None], dtype=np.float32)
 
 
 def _stripes(picture: UInt8[np.ndarray, "s s 3"], rng: np.random.Generator) -> None:

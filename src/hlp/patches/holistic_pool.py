@@ -208,9 +208,8 @@ def _window_centers(
     away = np.flatnonzero((shift > settings.off_center_from) & (shift < 1.0))
     if len(away) == 0:
         away = near
-    chosen = np.where(
-        off_center, rng.choice(away, len(off_center)), rng.choice(near, len(off_center))
-    )
+    count = len(off_center)
+    chosen = np.where(off_center, rng.choice(away, count), rng.choice(near, count))
     z = depth.ravel()[chosen]
     behind = typical + rng.uniform(-0.05, 0.15, len(chosen))
     return np.stack([chosen % size, chosen // size], axis=1), np.where(z > 0, z, behind)

@@ -132,9 +132,8 @@ def degrade_patches(patches: LocalPatches, rows: Rows, size: float, seed: int) -
     chosen = patches[rows]
     gen = torch.Generator().manual_seed(seed)
     sizes = torch.full((len(chosen),), size)
-    depth, valid, clutter = degrade_depth(
-        torch.from_numpy(chosen.depth), torch.from_numpy(chosen.valid), sizes, gen
-    )
+    given = torch.from_numpy(chosen.depth), torch.from_numpy(chosen.valid)
+    depth, valid, clutter = degrade_depth(*given, sizes, gen)
     rgb = chosen.color
     if rgb.shape[-1]:
         clean = torch.from_numpy(rgb).permute(0, 3, 1, 2).float() / 255.0

@@ -173,9 +173,8 @@ def _measured(depth: Depth, focal: float, rng: np.random.Generator, noise: float
     """
     seen = depth > 0.0
     scale, step = np.float32(focal * _BASELINE), np.float32(_DISPARITY_STEP)
-    white = rng.standard_normal(
-        (*depth.shape[:-2], depth.shape[-2] + 1, depth.shape[-1] + 1), dtype=np.float32
-    )
+    *images, height, width = depth.shape
+    white = rng.standard_normal((*images, height + 1, width + 1), dtype=np.float32)
     rows = white[..., 1:, :] + white[..., :-1, :]
     smooth = (rows[..., 1:] + rows[..., :-1]) * np.float32(0.5)
     disparity = scale / np.where(seen, depth, np.float32(1.0))

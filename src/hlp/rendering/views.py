@@ -193,9 +193,8 @@ def render_views(model: ObjectModel, settings: ViewsSettings, seed: int, threads
     bar = Progress(None, f"views of {model.name}", len(poses), unit="view")
 
     def draw(index: int) -> None:
-        rgb[index], depth[index] = render(
-            model.mesh, poses[index], camera_matrix, shape, lights[index]
-        )
+        pose, light = poses[index], lights[index]
+        rgb[index], depth[index] = render(model.mesh, pose, camera_matrix, shape, light)
         bar.update()
 
     with bar:

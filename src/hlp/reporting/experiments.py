@@ -151,9 +151,8 @@ def _ladder(runs: Mapping[str, Result], found: Sweep) -> Report:
         rows.append([name, change, *(cells[column] for column in shown), *gained])
         of_hidden = format_share(comparison.recall_of(hidden, "add") if hidden else None)
         recalls = [*(cells[column] for column in of_figures.values()), of_hidden]
-        figures.append(
-            [name, change, *recalls, before if gain else "", *comparison.with_ends(gain)]
-        )
+        against = before if gain else ""
+        figures.append([name, change, *recalls, against, *comparison.with_ends(gain)])
     table = Table(["step", "change", *shown, "against", "gained", "95 % of it", "ms more"], rows)
     header = ["step", "change", *of_figures, f"visible_below_{comparison.WELL_VISIBLE:g}"]
     header += ["from", "gain", "gain_low", "gain_high"]

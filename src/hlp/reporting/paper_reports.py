@@ -218,12 +218,9 @@ def object_recalls_table(runs: Mapping[str, Result]) -> Table:
 
 def metric_recalls(runs: Mapping[str, Result]) -> Recalls:
     """Of Table 2: recall over all targets by each metric, the printed ones first."""
-    printed = {
-        label: [recalls[key] for key in METRIC_LABELS] for label, recalls in OCCLUSION.items()
-    }
-    ours = {
-        label: [run.summary["metrics"][key] for key in METRIC_LABELS] for label, run in runs.items()
-    }
+    printed = {label: [own[key] for key in METRIC_LABELS] for label, own in OCCLUSION.items()}
+    metrics = {label: run.summary["metrics"] for label, run in runs.items()}
+    ours = {label: [own[key] for key in METRIC_LABELS] for label, own in metrics.items()}
     return Recalls([*METRIC_LABELS.values()], printed, ours)
 
 

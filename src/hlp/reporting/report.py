@@ -61,9 +61,8 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
     for sweep in sweeps:
         with left_out_if_broken(alone):
             parts += _sweep_parts(sweep, layout, heading)
-    parts += [
-        _study_part(study, layout, heading) for study in studies if study.parent not in sweeps
-    ]
+    alone_there = (study for study in studies if study.parent not in sweeps)
+    parts += [_study_part(study, layout, heading) for study in alone_there]
     if len(summaries) > 1:
         parts.append(f"{heading}All runs below {folder}\n\n{lay_out(run_list(folder), layout)}")
         if not details:

@@ -150,9 +150,8 @@ def _number_panels(sweep: Sweep) -> list[Panel]:
 def _grid(sweep: Sweep) -> "Figure":
     """Recall left and time right, a cell for each pair of values; the load where it differs."""
     across, down = sweep.keys
-    found = pd.DataFrame(
-        [{**run.values, **run_numbers(run.result.summary)} for run in sweep.finished if run.result]
-    )
+    runs = [(run.values, run.result.summary) for run in sweep.finished if run.result]
+    found = pd.DataFrame([{**values, **run_numbers(summary)} for values, summary in runs])
     cells = partial(found.pivot_table, index=down, columns=across, sort=False)
     recalls, times = cells(ADD), cells("ms")
     maps = [

@@ -73,9 +73,7 @@ class Table:
 
     def _laid_out(self, layout: str) -> str:
         sides = ["left", *["right"] * (len(self.header) - 1)]
-        return str(
-            tabulate(self.rows, self.header, tablefmt=layout, disable_numparse=True, colalign=sides)
-        )
+        return str(tabulate(self.rows, self.header, layout, disable_numparse=True, colalign=sides))
 
 
 def _cut(name: str, width: int) -> str:

@@ -234,8 +234,7 @@ def _bootstrap(
 def reliability(scores: Values, right: Values, bins: int = 10) -> Float[np.ndarray, "b 3"]:
     """Number of answers, mean score and share of right ones of each bin that has any."""
     place = np.minimum((scores * bins).astype(int), bins - 1)
-    count, total, hits = (
-        np.bincount(place, weights, bins) for weights in (None, scores, right.astype(float))
-    )
+    weights = None, scores, right.astype(float)
+    count, total, hits = (np.bincount(place, each, bins) for each in weights)
     used = count > 0
     return np.column_stack([count[used], total[used] / count[used], hits[used] / count[used]])

@@ -104,9 +104,8 @@ class _Pictures:
     def _drawn(self) -> list[tuple[str, int]]:
         """Keys of the frames that are drawn, each with the place of the target that is."""
         chosen = enumerate(spread(self._run.keys, self._run.settings.panels))
-        return [
-            (key, number % len(self._scored[key])) for number, key in chosen if key in self._scored
-        ]
+        scored = self._scored
+        return [(key, number % len(scored[key])) for number, key in chosen if key in scored]
 
     def draw_frames(self) -> None:
         """All poses of some frames, spread evenly, and the panels of one target of each in turn."""
@@ -141,9 +140,8 @@ class _Pictures:
 
     def _viewpoints(self) -> "Figure":
         first = self._run.dataset.target_ids[0]
-        return stage_figures.viewpoint_figure(
-            self._training.load_views(first), self._training.models[first].name
-        )
+        name = self._training.models[first].name
+        return stage_figures.viewpoint_figure(self._training.load_views(first), name)
 
     def _views(self) -> "Figure":
         training = self._training

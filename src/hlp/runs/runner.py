@@ -142,9 +142,8 @@ def _score(
 
 def _say_where(run: Run, output: Path, tracker: MlflowRun) -> None:
     say = _logger.info
-    names = [
-        name for name in (SUMMARY, SCORES, POSES, TIMES, MANIFEST) if (output / name).is_file()
-    ]
+    files = SUMMARY, SCORES, POSES, TIMES, MANIFEST
+    names = [name for name in files if (output / name).is_file()]
     say("\nResults   %s (%s)", output, ", ".join(names))
     if (output / PAGE).is_file():
         say("Report    %s (open it in a browser)", output / PAGE)

@@ -96,7 +96,7 @@ class FrameResults:
         return int(np.abs(poses - estimate.pose_cam_obj).max(axis=(1, 2)).argmin())
 
 
-class _FewBackgrounds(TrainingImages):
+class _FewFrames(TrainingImages):
     """The data set's images, with a few of its frames as backgrounds."""
 
     def load_background_frames(self) -> list[Frame]:
@@ -122,9 +122,7 @@ def sample_windows(
         distractor_scenes=min(stage.pool.distractor_scenes, _SCENES),
     )
     images = training.dataset
-    few = _FewBackgrounds(
-        photographs=images.photographs, background_frames=images.background_frames
-    )
+    few = _FewFrames(photographs=images.photographs, background_frames=images.background_frames)
     data = training_windows(training.models, training.load_views, few, replace(stage, pool=pool))
     windows, labels = data.compose(data.pool, np.random.default_rng(stage.seed))
     return windows.numpy(), labels.numpy()

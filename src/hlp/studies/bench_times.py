@@ -132,9 +132,8 @@ def share_of_same(
         return near and bool(np.rad2deg(rotation_error(pose, alike)) <= tolerance[1])
 
     pairs = [(a.estimate, b.estimate) for a, b in zip(own, other, strict=True)]
-    return float(
-        np.mean([same(a.pose_cam_obj, b.pose_cam_obj, models[a.object_id]) for a, b in pairs])
-    )
+    verdicts = [same(a.pose_cam_obj, b.pose_cam_obj, models[a.object_id]) for a, b in pairs]
+    return float(np.mean(verdicts))
 
 
 def load_timed(estimator: PoseEstimator, objects: Mapping[int, str]) -> dict[str, Any]:

@@ -107,12 +107,11 @@ def _find(detection: DetectionStages, task: OracleSettings, frame: Frame) -> dic
     """Poses of one frame, named `object/region/coarse`; absent if nothing was found."""
     context = detection.estimator.prepare(frame)
     stored = detection.read(frame.key, ("regions", "hypotheses"))
+    by_cell = partial(_poses_by_cell, detection, context, task=task)
     return {
         f"{object_id}/{region}/{coarse}": np.stack(poses)
         for object_id in detection.dataset.instances_to_find(frame)
-        for (region, coarse), poses in _poses_by_cell(
-            detection, context, stored[object_id], task
-        ).items()
+        for (region, coarse), poses in by_cell(stored[object_id]).items()
         if poses
     }
 

@@ -49,9 +49,8 @@ def study_run(
         write_json(output / MANIFEST, make_manifest(run, store))
         page_or_log(write_study_page, output)
         tracker.log_artifacts(output)
-    say = logging.getLogger(__name__).info
     written = sorted(path.name for path in output.iterdir() if not path.name.startswith("."))
-    say("\nResults   %s (%s)", output, ", ".join(written))
+    logging.getLogger(__name__).info("\nResults   %s (%s)", output, ", ".join(written))
     say_where(run, tracker)
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
+_logger = logging.getLogger(__name__)
 
 # Hydra creates its callbacks itself, so `sweep_open` looks here for what they have opened.
 _OPEN = ExitStack()
@@ -149,7 +150,7 @@ def run_one(config: DictConfig) -> None:
             with track_run(_tracking(config), name, values, run_tags(chosen.groups, output)):
                 raise
         if is_finished(run, output):
-            logging.getLogger(__name__).info("finished already: %s in %s", name, output)
+            _logger.info("finished already: %s in %s", name, output)
             return
         run.settings.task.run(run, output)
     say_forecast(sweep["extents"], output.parent, Path(config.work))
@@ -164,8 +165,7 @@ def _share_scores(config: DictConfig, overrides: Sequence[str], swept: Sequence[
         return
     if swept and all(key.startswith("refinement") for key in swept) and config.score.scenes:
         asked = f"score.scenes={config.score.scenes}"
-        warn = logging.getLogger(__name__).warning
-        warn("scores are not calibrated for each refinement: %s asks for that", asked)
+        _logger.warning("scores are not calibrated for each refinement: %s asks for that", asked)
         config.score.scenes = 0
 
 
@@ -175,12 +175,11 @@ def _has_data(config: DictConfig) -> bool:
         return True
     folders = {key: OmegaConf.select(config, key) for key in ("data.root", "data.empty")}
     absent = {key: path for key, path in folders.items() if path and not Path(path).is_dir()}
-    warn = logging.getLogger(__name__).warning
     if "data.root" in absent:
-        warn("left out: there is no folder %s", absent["data.root"])
+        _logger.warning("left out: there is no folder %s", absent["data.root"])
         return False
     if "data.empty" in absent:
-        warn("false alarms are not counted: there is no folder %s", absent["data.empty"])
+        _logger.warning("false alarms are not counted: there is no folder %s", absent["data.empty"])
         OmegaConf.update(config, "data.empty", None)
     return True
 
@@ -200,7 +199,7 @@ def _recorded(folder: Path, record: dict[str, Any], tracker: MlflowRun) -> Itera
             try:
                 _draw(folder, tracker)
             except Exception:
-                logging.getLogger(__name__).exception("the tables of %s could not be made", folder)
+                _logger.exception("the tables of %s could not be made", folder)
             raise
         _draw(folder, tracker)
         status = FINISHED
@@ -223,10 +222,9 @@ def _draw(folder: Path, tracker: MlflowRun) -> None:
     page = page_or_log(write_sweep_page, folder) if any(s.finished for s in sweeps) else None
     log_sweeps(sweeps, [*written, *([page] if page else [])], tracker)
     print("\n" + "\n\n".join(described) + "\n")
-    say = logging.getLogger(__name__).info
-    say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
+    _logger.info("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:
-        say("Report    %s (open it in a browser)", page)
+        _logger.info("Report    %s (open it in a browser)", page)
 
 
 def _read(folder: Path) -> dict[str, Any]:
@@ -236,7 +234,7 @@ def _read(folder: Path) -> dict[str, Any]:
     try:
         record = read_json(folder / SWEEP)
     except DataError as error:
-        logging.getLogger(__name__).warning("%s: a new sweep begins", error)
+        _logger.warning("%s: a new sweep begins", error)
         return {}
     return record if isinstance(record, dict) else {}
 

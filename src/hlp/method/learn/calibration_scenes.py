@@ -80,9 +80,8 @@ def _random_scene(
         shape = (frame.depth.shape[0], frame.depth.shape[1])
     else:
         focal, shape = rng.uniform(*_FOCAL), _SHAPE
-        camera_matrix = np.array(
-            [[focal, 0.0, shape[1] / 2], [0.0, focal, shape[0] / 2], [0.0, 0.0, 1.0]]
-        )
+        x, y = shape[1] / 2, shape[0] / 2
+        camera_matrix = np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
     pose = _random_pose(model, views, camera_matrix, shape, rng)
     in_bins = not model.mesh.colored
     plane, lies = _random_plane(model, pose, rng), in_bins and number % _LYING == 0

@@ -54,9 +54,8 @@ def build_codebook(
     del features, sampled, views  # the views' files count as memory while they are mapped
     seen = degrade_patches(some, np.arange(len(some)), size, settings.seed)
     nearest = ExactNeighbours(entries, 1).nearest_distances(encoder.encode(seen))
-    return make_codebook(
-        model.object_id, entries, np.concatenate(points), poses, float(np.median(nearest))
-    )
+    scale = float(np.median(nearest))
+    return make_codebook(model.object_id, entries, np.concatenate(points), poses, scale)
 
 
 def _draw_pixels(
@@ -66,12 +65,10 @@ def _draw_pixels(
 
     Any, where none of the view's patches has it.
     """
-    entries = settings.entries
-    if entries.min_plane_deviation is None:
+    entries, least = settings.entries, settings.entries.min_plane_deviation
+    if least is None:
         return surface_pixels(views.depth[view], entries.patches_per_view, rng)
     pixels = surface_pixels(views.depth[view], _DRAWN * entries.patches_per_view, rng)
-    cut = cut_view_patches(
-        views, view, pixels, size, settings.local, False, entries.min_plane_deviation
-    )
+    cut = cut_view_patches(views, view, pixels, size, settings.local, False, least)
     chosen = np.rint(cut.pixels).astype(np.int64) if len(cut) else pixels
     return chosen[: entries.patches_per_view]

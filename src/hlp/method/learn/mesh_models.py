@@ -94,8 +94,7 @@ def check_distinct(names: Iterable[str]) -> None:
     """Raise InputError for names whose folders are one where case does not count."""
     found: dict[str, str] = {}
     for name in names:
-        other = found.setdefault(name.casefold(), name)
-        if other != name:
+        if (other := found.setdefault(name.casefold(), name)) != name:
             raise InputError(f"object names {other!r} and {name!r} differ only in case")
 
 

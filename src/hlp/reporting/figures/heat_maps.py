@@ -81,9 +81,8 @@ def draw_basins(folder: Path, cells: pd.DataFrame) -> None:
 
 def basin_maps(name: str, cells: pd.DataFrame) -> "Figure":
     """Recall of each refiner by both errors of the start, the smallest rotation at the bottom."""
-    refiners = {
-        refiner: recalls_by_errors(own) for refiner, own in cells.groupby("refiner", sort=False)
-    }
+    groups = cells.groupby("refiner", sort=False)
+    refiners = {refiner: recalls_by_errors(own) for refiner, own in groups}
     first = next(iter(refiners.values()))
     maps = [
         HeatMap(str(refiner), recalls.to_numpy()[::-1], "{:.2f}".format, ends=(0.0, 1.0))

@@ -162,9 +162,8 @@ def newest_page(uri: str, experiment: str | None = None) -> str:
             known = ", ".join(sorted(experiments))
             raise InputError(f"no experiment '{experiment}' in {uri}: there are {known}")
         return experiment_path(experiments[experiment])
-    newest = client.search_runs(
-        list(experiments.values()), order_by=["attributes.start_time DESC"], max_results=1
-    )
+    order = ["attributes.start_time DESC"]
+    newest = client.search_runs(list(experiments.values()), order_by=order, max_results=1)
     if not newest:
         raise MissingFileError(f"no runs in {uri} yet: `hlp run` makes one")
     return experiment_path(newest[0].info.experiment_id)

@@ -115,9 +115,8 @@ class MlflowRun:
         found = self.send(lambda client, _: _run_with(client, tag, fingerprint))
         if found is None:
             epochs = enumerate(rows)
-            self._log_numbers(
-                (f"{stage}/{name}", v, i) for i, row in epochs for name, v in row.items()
-            )
+            numbers = ((f"{stage}/{name}", v, i) for i, row in epochs for name, v in row.items())
+            self._log_numbers(numbers)
             self.set_tags({tag: fingerprint})
             return ""
         if found.run_id == self.run_id:
