@@ -48,13 +48,8 @@ def make_codebook(
     along_axis = np.swapaxes(allocentric_to_egocentric(points_cam), -1, -2) @ rotations
     from_view = points_cam - poses_cam_obj[:, :3, 3]
     points_obj = np.einsum("mij,mi->mj", rotations, from_view)
-    return Codebook(
-        object_id,
-        bits.view(np.float32),
-        along_axis.astype(np.float32),
-        points_obj.astype(np.float32),
-        feature_scale,
-    )
+    places = along_axis.astype(np.float32), points_obj.astype(np.float32)
+    return Codebook(object_id, bits.view(np.float32), *places, feature_scale)
 
 
 def _feature_bits(features: Features) -> UInt32[np.ndarray, "m d"]:
@@ -101,12 +96,7 @@ def load_codebook(folder: Path) -> Codebook:
         numbers = np.zeros((*shape, 4), np.uint8)  # the bytes of each, the lowest first
         numbers[..., 1], numbers[..., 2] = stored["low"], stored["middle"]
         numbers[..., 3] = exponents.reshape(shape)
-        return Codebook(
-            int(stored["object_id"]),
-            numbers.view("<f4")[..., 0],
-            stored["rotations"],
-            stored["points"],
-            float(stored["feature_scale"]),
-        )
+        arrays = numbers.view("<f4")[..., 0], stored["rotations"], stored["points"]
+        return Codebook(int(stored["object_id"]), *arrays, float(stored["feature_scale"]))
     except (KeyError, ValueError, zlib.error) as error:
         raise DataError(f"{path} is damaged ({error!r}): learn the object again") from error

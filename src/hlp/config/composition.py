@@ -66,10 +66,8 @@ def group_kinds() -> dict[str, "type | Registry[Any]"]:
 @cache
 def rows() -> dict[str, dict[str, Any]]:
     """Alternatives without a file, by group and name: what each is, and the ladder's values."""
-    listed, ladder = (
-        OmegaConf.to_container(OmegaConf.load(config_folder() / f"{name}.yaml"), resolve=False)
-        for name in ("alternatives", LADDER)
-    )
+    paths = (config_folder() / f"{name}.yaml" for name in ("alternatives", LADDER))
+    listed, ladder = (OmegaConf.to_container(OmegaConf.load(path)) for path in paths)
     assert isinstance(listed, dict) and isinstance(ladder, dict)
     return {**{str(group): dict(names) for group, names in listed.items()}, LADDER: dict(ladder)}
 
@@ -86,12 +84,8 @@ class TypedDefaults(ConfigSource):
         """The values as a configuration."""
         values = _values(config_path)
         assert values is not None, config_path
-        return ConfigResult(
-            provider=self.provider,
-            path=self.full_path(),
-            config=OmegaConf.create(values),
-            header={"package": "_global_" if config_path.startswith(f"{LADDER}/") else None},
-        )
+        header = {"package": "_global_" if config_path.startswith(f"{LADDER}/") else None}
+        return ConfigResult(self.provider, self.full_path(), OmegaConf.create(values), header)
 
     def is_config(self, config_path: str) -> bool:
         """Whether the path is a group's `base` or `base_NAME`, or an alternative without a file."""
@@ -104,11 +98,8 @@ class TypedDefaults(ConfigSource):
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """The rows of a group, and the groups in it; `base` is for other configurations."""
         inside = _inside(config_path)
-        groups = {
-            group.removeprefix(inside).partition("/")[0]
-            for group in rows()
-            if group.startswith(inside)
-        }
+        within = (group for group in rows() if group.startswith(inside))
+        groups = {group.removeprefix(inside).partition("/")[0] for group in within}
         names = rows().get(config_path.strip("/"), {})
         found = {ObjectType.GROUP: groups, ObjectType.CONFIG: {*names}}
         return sorted(groups | {*names} if results_filter is None else found[results_filter])

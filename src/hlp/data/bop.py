@@ -212,12 +212,8 @@ class BopFrames(FileFrames):
         Raises DataError naming a mask that is broken or not of the frame's size.
         """
         scene = self._scene(frame.scene_id)
-        number = next(
-            number
-            for number, other in enumerate(scene.targets(frame.frame_id))
-            if other.object_id == target.object_id
-            and np.array_equal(other.pose_cam_obj, target.pose_cam_obj)
-        )
+        there = [(t.object_id, t.pose_cam_obj.tolist()) for t in scene.targets(frame.frame_id)]
+        number = there.index((target.object_id, target.pose_cam_obj.tolist()))
         path = scene.visible_mask(frame.frame_id, number)
         if not path.is_file():
             return None

@@ -241,10 +241,8 @@ class RealSenseCamera:
         self._metres = float(profile.get_device().first_depth_sensor().get_depth_scale())
         color = profile.get_stream(rs.stream.color).as_video_stream_profile().get_intrinsics()
         if any(color.coeffs):
-            _logger.warning(
-                "the camera states a distortion of its colour images, which is not undone: %s",
-                list(color.coeffs),
-            )
+            said = "the camera states a distortion of its colour images, which is not undone: %s"
+            _logger.warning(said, list(color.coeffs))
         x_row, y_row = [color.fx, 0.0, color.ppx], [0.0, color.fy, color.ppy]
         self._matrix = np.array([x_row, y_row, [0.0, 0.0, 1.0]])
 

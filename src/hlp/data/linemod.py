@@ -63,10 +63,9 @@ class LinemodSettings(FolderSettings):
         root = existing_folder("data.root", self.root)
         images = self.training_images()
         objects = chosen_objects(self.objects, self.only)
+        choices = self.mesh_scale, self.proxy_faces
         models = {
-            settings.id: build_object_model(
-                name, settings, root / name / "mesh.ply", self.mesh_scale, self.proxy_faces
-            )
+            settings.id: build_object_model(name, settings, root / name / "mesh.ply", *choices)
             for name, settings in objects.items()
         }
         names = {object_id: model.name for object_id, model in models.items()}

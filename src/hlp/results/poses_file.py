@@ -143,11 +143,9 @@ def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, 
 
     `names` are the objects' names by id; raises KeyError for an object that has none.
     """
+    columns = [(key, write) for key, write, _ in _SCORES.values()]
     rows = [
-        [
-            write(getattr(score, field)) if field else names[score.object_id]
-            for field, write, _ in _SCORES.values()
-        ]
+        [write(getattr(score, key)) if key else names[score.object_id] for key, write in columns]
         for score in scores
     ]
     write_csv(path, SCORE_COLUMNS, rows)

@@ -143,8 +143,7 @@ def check_manifest(run: Run, manifest: Path) -> None:
     if recorded.get("code") != found["code"]:
         warn("HLP's code is not that of %s (%s)", manifest, recorded.get("revision") or "no git")
     for name, version in found["versions"].items():
-        before = recorded.get("versions", {}).get(name)
-        if before != version:
+        if (before := recorded.get("versions", {}).get(name)) != version:
             warn("%s is %s here, and %s in %s", name, version, before, manifest)
     for part, here in (("processor", processor()), ("builds", library_builds())):
         there = recorded.get(part)

@@ -50,15 +50,9 @@ def begun(
     (output / MANIFEST).unlink(missing_ok=True)
     name = short_name(chosen.overrides, chosen.groups, settings.name)
     data = str(run.config["data"]["name"])
-    with track_run(
-        settings.reporting,
-        name,
-        run.config,
-        run_tags(chosen.groups, output),
-        resume,
-        params=chosen.overrides,
-        page=experiment_tags(settings.reporting.about, chosen.command, data),
-    ) as tracker:
+    page = experiment_tags(settings.reporting.about, chosen.command, data)
+    opened = settings.reporting, name, run.config, run_tags(chosen.groups, output), resume
+    with track_run(*opened, params=chosen.overrides, page=page) as tracker:
         if chosen.command:
             tracker.set_tags({"command": chosen.command})
         with tracker.system_metrics():
@@ -94,10 +88,8 @@ def log_training(training: "TrainingStages", tracker: MlflowRun) -> list[str]:
     """Log the losses, and say which earlier runs have trained what this one has reused."""
     said = []
     for stage, output in (("classifier", training.classifier()), ("encoder", training.encoder())):
-        rows = [
-            {name: value for name, value in row.items() if name != "epoch"}
-            for row in read_history(output.folder)
-        ]
+        history = read_history(output.folder)
+        rows = [{name: row[name] for name in row if name != "epoch"} for row in history]
         said.append(tracker.log_training(stage, output.fingerprint, rows))
     return [words for words in said if words]
 

@@ -160,12 +160,8 @@ class StageStore:
     @contextmanager
     def _making(self, folder: Path, description: Mapping[str, Any]) -> Iterator[Path]:
         partial, stage = _cleared(folder.with_name(folder.name + PARTIAL)), folder.parent.name
-        made = {
-            "stage": stage,
-            "fingerprint": folder.name,
-            **plain(description),
-            "versions": library_versions(),
-        }
+        made = {"stage": stage, "fingerprint": folder.name, **plain(description)}
+        made["versions"] = library_versions()
         if stage in STEPS and stage not in self._announced:  # what a stage is for is said once
             self._announced.add(stage)
             number = [*STEPS].index(stage) + 1

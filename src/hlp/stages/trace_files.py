@@ -135,13 +135,10 @@ def _coarse_arrays(found: ObjectTrace) -> Arrays:
 def _with_coarse(found: ObjectTrace, arrays: Arrays, _: int) -> ObjectTrace:
     """Patches that cast no vote have no number."""
     pixels = arrays["vote_pixels"].astype(np.float64)
-    votes = Votes(
-        arrays["vote_centroids"],
-        rotation_matrices(arrays["vote_quaternions"]),
-        arrays["vote_weights"].astype(np.float64),
-        np.unique(pixels, axis=0, return_inverse=True)[1].reshape(-1),
-        pixels,
-    )
+    patches = np.unique(pixels, axis=0, return_inverse=True)[1].reshape(-1)
+    rotations = rotation_matrices(arrays["vote_quaternions"])
+    weights = arrays["vote_weights"].astype(np.float64)
+    votes = Votes(arrays["vote_centroids"], rotations, weights, patches, pixels)
     return replace(found, votes=votes, hypotheses=Hypotheses(arrays["poses"], arrays["support"]))
 
 

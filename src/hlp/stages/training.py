@@ -102,11 +102,9 @@ class TrainingStages:
     def classifier(self) -> Output:
         """Stage 1: the holistic classifier of all objects."""
         dataset, stage, start = self.dataset, ClassifierStage.of(self.settings), None
-        settings = {
-            **stage.named(),
-            "device": device_name(stage.trainer.accelerator),
-            "sizes": {str(i): m.holistic_size for i, m in sorted(self.models.items())},
-        }
+        sizes = {str(i): m.holistic_size for i, m in sorted(self.models.items())}
+        device = device_name(stage.trainer.accelerator)
+        settings = {**stage.named(), "device": device, "sizes": sizes}
         upstream = {
             **self._all_views(),
             "photographs": dataset.photographs_identity,
@@ -150,11 +148,9 @@ class TrainingStages:
             return self.made["encoder", 0]
         dataset, stage = self.dataset, EncoderStage.of(self.settings)
         code: tuple[object, ...] = "hlp.method.learn.encoder_training", stage.encoder
-        settings = {
-            **stage.named(),
-            "device": device_name(stage.trainer.accelerator),
-            "sizes": {str(i): m.local_size for i, m in sorted(self.models.items())},
-        }
+        sizes = {str(i): m.local_size for i, m in sorted(self.models.items())}
+        device = device_name(stage.trainer.accelerator)
+        settings = {**stage.named(), "device": device, "sizes": sizes}
         if stage.encoder.needs_frames:
             upstream = {
                 "encoder_frames": frames_identity(dataset.encoder_frames),
@@ -179,16 +175,10 @@ class TrainingStages:
     def codebook(self, object_id: int) -> Output:
         """Stage 2: the codebook of one object."""
         stage = CodebookStage.of(self.settings)
-        settings = {
-            **stage.named(),
-            "size": self.models[object_id].local_size,
-            "object_id": object_id,
-            "device": device_name(self.settings.machine.device),
-        }
-        upstream = {
-            "views": self.views(object_id).fingerprint,
-            "encoder": self.encoder().fingerprint,
-        }
+        size, device = self.models[object_id].local_size, device_name(self.settings.machine.device)
+        settings = {**stage.named(), "size": size, "object_id": object_id, "device": device}
+        views, encoder = self.views(object_id), self.encoder()
+        upstream = {"views": views.fingerprint, "encoder": encoder.fingerprint}
 
         def make(folder: Path) -> None:
             from hlp.method.learn.codebook_building import build_codebook
@@ -210,11 +200,8 @@ class TrainingStages:
     def score(self, object_id: int) -> Output:
         """The score of one object's poses, calibrated on rendered scenes."""
         stage, model = ScoreStage.of(self.settings), self.models[object_id]
-        settings = {
-            **stage.named(),
-            "sizes": [model.holistic_size, model.local_size],
-            "device": device_name(stage.find.machine.device),
-        }
+        sizes, device = [model.holistic_size, model.local_size], stage.find.machine.device
+        settings = {**stage.named(), "sizes": sizes, "device": device_name(device)}
         upstream = {
             "model": self.dataset.model_identities[object_id],
             "classifier": self.classifier().fingerprint,

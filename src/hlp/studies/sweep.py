@@ -70,17 +70,12 @@ def _open_sweep(config: DictConfig) -> None:
     command = " ".join(["hlp -m", *overrides])
     settings = _tracking(config)
     data = str(config.hydra.runtime.choices.get("data", ""))
-    tracker = _OPEN.enter_context(
-        track_run(
-            settings,
-            f"sweep of {', '.join(short_key(key) for key in swept) or 'nothing'}",
-            {"sweep": " ".join(overrides), "output": str(folder)},
-            {**run_tags(groups_of(config.hydra), folder), "command": command},
-            _read(folder).get("run_id"),
-            params=overrides_of(overrides),
-            page=experiment_tags(settings.about, command, data),
-        )
-    )
+    name = f"sweep of {', '.join(short_key(key) for key in swept) or 'nothing'}"
+    about = {"sweep": " ".join(overrides), "output": str(folder)}
+    tags = {**run_tags(groups_of(config.hydra), folder), "command": command}
+    page = experiment_tags(settings.about, command, data)
+    opened = settings, name, about, tags, _read(folder).get("run_id")
+    tracker = _OPEN.enter_context(track_run(*opened, params=overrides_of(overrides), page=page))
     record = {
         "overrides": overrides,
         "swept": [*swept],

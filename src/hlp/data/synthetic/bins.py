@@ -201,13 +201,10 @@ def _plain(mesh: Mesh) -> Mesh:
     vertices = mesh.vertices[mesh.faces]
     normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh(
-        vertices.reshape(-1, 3),
-        np.arange(vertices.size // 3).reshape(-1, 3),
-        np.tile(np.array(PLAIN_COLOR, dtype=np.uint8), (vertices.size // 3, 1)),
-        np.repeat(normals, 3, axis=0),
-        colored=False,
-    )
+    faces = np.arange(vertices.size // 3).reshape(-1, 3)
+    colors = np.tile(np.array(PLAIN_COLOR, dtype=np.uint8), (vertices.size // 3, 1))
+    points, normals = vertices.reshape(-1, 3), np.repeat(normals, 3, axis=0)
+    return Mesh(points, faces, colors, normals, colored=False)
 
 
 def _bracket() -> Mesh:

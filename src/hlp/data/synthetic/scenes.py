@@ -138,12 +138,9 @@ class SyntheticScenes:
         Raises KeyError for an unknown frame.
         """
         scene = self.scene(frame.key)
-        number = next(
-            number
-            for number, item in enumerate(scene.items)
-            if item.object_id == target.object_id
-            and np.array_equal(scene.pose_cam_obj(number), target.pose_cam_obj)
-        )
+        poses = (scene.pose_cam_obj(number).tolist() for number in range(len(scene.items)))
+        there = [(i.object_id, pose) for i, pose in zip(scene.items, poses, strict=True)]
+        number = there.index((target.object_id, target.pose_cam_obj.tolist()))
         return np.asarray(scene.index == number)
 
     def _place(self, eye: Vector, rng: np.random.Generator) -> list[layout.Item]:

@@ -68,12 +68,8 @@ def read_model(folder: Path) -> ObjectModel:
     stated = read_as(folder / _OBJECT, _LearntObject)
     stored: dict[str, Any] = read_npz(folder / _MODEL)
     try:
-        mesh, proxy = (
-            Mesh(
-                **{name: stored[f"{part}_{name}"] for name in _MESH_FIELDS}, colored=stated.colored
-            )
-            for part in ("mesh", "proxy")
-        )
+        parts = [{n: stored[f"{part}_{n}"] for n in _MESH_FIELDS} for part in ("mesh", "proxy")]
+        mesh, proxy = (Mesh(**arrays, colored=stated.colored) for arrays in parts)
         if "mesh_uv" in stored:
             mesh = replace(mesh, texture=_read_texture(folder / _TEXTURE, stored["mesh_uv"]))
         if (folder / _COLORS).is_file():  # no grey object has it

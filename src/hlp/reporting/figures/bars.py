@@ -168,10 +168,8 @@ def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
               {"": [recall_bar(summary["metrics"][key]) for summary in summaries]}, recall=True)
         for key in ("add", "5cm5deg")
     ]  # fmt: skip
-    medians = [
-        {stage: time["median"] for stage, time in summary["timing_ms"].items()}
-        for summary in summaries
-    ]
+    timings = [summary["timing_ms"] for summary in summaries]
+    medians = [{stage: time["median"] for stage, time in own.items()} for own in timings]
     title = "ms an object and frame, median, by stage"
     return [*panels, _times_panel(title, medians, loads_in_words(summaries))]
 
