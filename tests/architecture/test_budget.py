@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 37_311,  # aim: 24,000
+    "lines of src": 37_206,  # aim: 24,000
     "modules of src": 225,
     "lines of tests": 32_213,  # aim: 22,000
     "files of conf": 59,
@@ -20,13 +20,8 @@ LIMITS = {
 
 def files(folder: str, ending: str) -> list[Path]:
     """The files below a folder that git tracks, or would track."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-co", "--exclude-standard", "-z", "--", folder],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.split("\0")
+    command = ["git", "ls-files", "-co", "--exclude-standard", "-z", "--", folder]
+    listed = subprocess.check_output(command, cwd=ROOT, text=True).split("\0")
     paths = (ROOT / name for name in listed if name.endswith(ending))
     return [path for path in paths if path.is_file()]
 

@@ -17,8 +17,7 @@ def bumps(seed):
     """A smooth surface (m) at about 1 m."""
     y, x = np.mgrid[0.0:80.0, 0.0:100.0]
     a, b, c = np.random.default_rng(seed).uniform(0.05, 0.12, 3)
-    shape = 1.0 + 0.01 * (np.sin(a * x + seed) + np.cos(b * y) + np.sin(c * (x + y)))
-    return np.asarray(shape, dtype=np.float32)
+    return np.float32(1.0 + 0.01 * (np.sin(a * x + seed) + np.cos(b * y) + np.sin(c * (x + y))))
 
 
 def test_depth_correlation_is_that_of_what_planes_leave():
@@ -91,14 +90,11 @@ def test_the_pixels_that_agree_with_an_object_without_colours_are_counted(scene,
 
 
 def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(scene, observation, verifier):
-    for shift in ([5.0, 0.0, 0.0], [0.0, 0.0, -2.0], [-0.2, 0.0, 0.0]):
+    for shift in ([0.0, 0.0, -2.0], [-0.2, 0.0, 0.0], [5.0, 0.0, 0.0]):
         pose = scene.pose.copy()
         pose[:3, 3] += shift
         fit = measure_fit(verifier, observation, pose)
         assert np.isfinite([fit.cost, fit.depth_correlation, fit.slope, fit.visible_fraction]).all()
-    far = scene.pose.copy()
-    far[0, 3] += 5.0
-    fit = measure_fit(verifier, observation, far)
     assert (fit.depth_correlation, fit.slope, fit.residual_mm) == (0.0, 0.0, np.inf)
 
 

@@ -13,11 +13,13 @@ from hlp.records import Mesh, ObjectModel, Texture
 from hlp.refinement import texture
 from hlp.refinement.texture import (
     ColorAgreement,
+    LogarithmGrid,
+    SeenSurface,
     choose_by_texture,
     choose_nearby_by_texture,
     color_agreement,
+    sum_color_differences,
 )
-from hlp.refinement.texture_kernel import LogarithmGrid, SeenSurface, sum_color_differences
 from hlp.refinement.verification import VerificationSettings, observe
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.shading import Light

@@ -15,25 +15,22 @@ from hlp.rendering.views import thomson
 from hlp.templates import matching
 from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings, build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
-from hlp.templates.scanning import Places, best_templates
+from hlp.templates.scanning import Places
 from hlp.threads import ThreadTeam
 from refinement_scene import as_mesh, model_of, posed
 
 CAMERA = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
 SHAPE = (480, 640)
-SETTINGS = TemplateSettings()
+SETTINGS, ALONE = TemplateSettings(), ThreadTeam(1)
 HALF_TURNS = [(1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0)]
 
 
 @pytest.fixture(scope="module")
 def plate():
     """A letter F, 10 cm long and 12 mm thick: no symmetry, no colour."""
+    sizes, places = [(0.1, 0.02), (0.02, 0.06), (0.02, 0.04)], [(0, 0), (0.04, 0.03), (0, 0.02)]
     boxes = []
-    for size, at in (
-        ((0.1, 0.02), (0, 0)),
-        ((0.02, 0.06), (0.04, 0.03)),
-        ((0.02, 0.04), (0, 0.02)),
-    ):
+    for size, at in zip(sizes, places, strict=True):
         box = trimesh.creation.box((*size, 0.012))
         box.apply_translation((*at, 0.0))
         boxes.append(box)
@@ -57,31 +54,30 @@ def scene(plate, turn, at=(0.05, -0.03, 0.6)):
     return rgb, depth, pose
 
 
-def errors(found, pose, plate):
-    """Mean distance of the vertices at each of the found poses."""
-    apart = transform(found.poses_cam_obj, plate.mesh.vertices) - transform(
-        pose, plate.mesh.vertices
-    )
-    return np.linalg.norm(apart, axis=2).mean(axis=1)
+def look(plate, templates, rgb, depth, mask=None, team=ALONE):
+    """The matches in an image, and the places without any."""
+    near = spread_edges(color_edges(rgb), SETTINGS.reach)
+    return match_templates(templates, near, depth, CAMERA, plate, SETTINGS, mask, team)
+
+
+def least_error(poses, pose, plate):
+    """Mean distance of the vertices at the nearest of the found poses, in diameters."""
+    at, true = (transform(each, plate.mesh.vertices) for each in (poses, pose))
+    return np.linalg.norm(at - true, axis=2).mean(axis=1).min() / plate.diameter
 
 
 def test_a_flat_part_without_colour_is_found(plate, templates):
     rgb, depth, pose = scene(plate, 2.0)
-    near = spread_edges(color_edges(rgb), SETTINGS.reach)
-    team = ThreadTeam(2)
-    found, (x, y) = match_templates(templates, near, depth, CAMERA, plate, SETTINGS, None, team)
-    assert errors(found, pose, plate)[:10].min() < 0.15 * plate.diameter
+    found, (x, y) = look(plate, templates, rgb, depth, team=ThreadTeam(2))
+    assert least_error(found.poses_cam_obj[:10], pose, plate) < 0.15
     assert (np.diff(found.support) <= 0).all() and found.support[0] > 0.7
-    alone = ThreadTeam(1)
-    same, _ = match_templates(templates, near, depth, CAMERA, plate, SETTINGS, None, alone)
-    np.testing.assert_array_equal(same.poses_cam_obj, found.poses_cam_obj)
     barren = np.zeros(SHAPE, dtype=bool)
     barren[y, x] = True
     assert 0.8 < 64 * barren.sum() / barren.size < 1.0
-    other, _ = match_templates(templates, near, depth, CAMERA, plate, SETTINGS, ~barren, alone)
-    np.testing.assert_array_equal(other.poses_cam_obj, found.poses_cam_obj)
-    none, _ = match_templates(templates, near, depth, CAMERA, plate, SETTINGS, barren, alone)
-    assert len(none.support) == 0
+    for mask in (None, ~barren):
+        same, _ = look(plate, templates, rgb, depth, mask)
+        np.testing.assert_array_equal(same.poses_cam_obj, found.poses_cam_obj)
+    assert len(look(plate, templates, rgb, depth, barren)[0].support) == 0
 
 
 @pytest.mark.parametrize("at", [(-0.31, 0, 0.6), (0.305, 0, 0.6), (0, -0.22, 0.6), (0, 0.235, 0.6)])
@@ -92,9 +88,7 @@ def test_a_part_that_the_image_cuts_off_is_found(plate, templates, at):
     x, y = (transform(pose, points) @ CAMERA.T).T[:2] / transform(pose, points)[:, 2]
     beyond = (x < 0) | (x > SHAPE[1] - 1) | (y < 0) | (y > SHAPE[0] - 1)
     assert beyond.any() and not beyond.all()
-    near = spread_edges(color_edges(rgb), SETTINGS.reach)
-    seen = near, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1)
-    assert errors(match_templates(templates, *seen)[0], pose, plate).min() < 0.15 * plate.diameter
+    assert least_error(look(plate, templates, rgb, depth)[0].poses_cam_obj, pose, plate) < 0.15
 
 
 def test_a_part_is_found_behind_what_hides_its_middle(plate, templates):
@@ -106,9 +100,7 @@ def test_a_part_is_found_behind_what_hides_its_middle(plate, templates):
     along = pose[:2, 0] / np.linalg.norm(pose[:2, 0])
     hides = np.abs(along[0] * (x - u) + along[1] * (y - v)) < 14.0
     depth[hides], rgb[hides] = 0.5, (120, 40, 40)
-    near = spread_edges(color_edges(rgb), SETTINGS.reach)
-    seen = near, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1)
-    assert errors(match_templates(templates, *seen)[0], pose, plate).min() < 0.15 * plate.diameter
+    assert least_error(look(plate, templates, rgb, depth)[0].poses_cam_obj, pose, plate) < 0.15
 
 
 def test_a_template_lies_only_where_the_surface_is_turned_as_its_own(plate, templates):
@@ -119,7 +111,7 @@ def test_a_template_lies_only_where_the_surface_is_turned_as_its_own(plate, temp
     depth = 0.6 / (1.0 - np.tan(tilt) * (x - CAMERA[0, 2]) / CAMERA[0, 0])
     depth = np.where((depth > 0.2) & (depth < 1.5), depth, 0.0).astype(np.float32)
     near = np.full(SHAPE, 255, dtype=np.uint8)
-    seen = near, depth, CAMERA, plate, SETTINGS, (right < 60) & (down < 60), ThreadTeam(1)
+    seen = near, depth, CAMERA, plate, SETTINGS, (right < 60) & (down < 60), ALONE
     found = match_templates(templates, *seen)[0].poses_cam_obj
     towards = -np.array([-np.sin(tilt), 0.0, np.cos(tilt)])
     normals = plate.mesh.normals @ np.swapaxes(found[:, :3, :3], 1, 2)
@@ -154,13 +146,12 @@ def test_places_looked_at_together_have_what_each_has_alone(plate, templates, mo
     noise = cv2.GaussianBlur(np.random.default_rng(0).random((*SHAPE, 3)), (0, 0), 6.0)
     rgb = np.uint8(255.0 * (noise - noise.min()) / np.ptp(noise))
     depth = np.tile(1.0 / np.linspace(2.5, 1.2, SHAPE[1], dtype=np.float32), (SHAPE[0], 1))
-    near, given = spread_edges(color_edges(rgb), SETTINGS.reach), []
-    look = lambda *of: given.append(of) or best_templates(*of)  # noqa: E731
-    monkeypatch.setattr(matching, "best_templates", look)
-    match_templates(templates, near, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
-    (places, *of), (shares, rows) = given[0], best_templates(*given[0])
+    given, best = [], matching.best_templates
+    monkeypatch.setattr(matching, "best_templates", lambda *of: given.append(of) or best(*of))
+    look(plate, templates, rgb, depth)
+    (places, *of), (shares, rows) = given[0], best(*given[0])
     some = np.flatnonzero(shares[:, 0] >= SETTINGS.least_match)[::20]
-    alone = [best_templates(Places(*(part[[n]] for part in places)), *of) for n in some]
+    alone = [best(Places(*(part[[n]] for part in places)), *of) for n in some]
     once, at = (np.concatenate(parts) for parts in zip(*alone, strict=True))
     assert len(some) > 100 and (shares[some] <= once).all()
     assert (shares[some, 0] == once[:, 0]).mean() > 0.95 and (rows[some] == at).mean() > 0.8
@@ -192,7 +183,7 @@ def test_the_share_of_features_is_that_of_plain_numpy(plate, templates):
         depth = np.kron(blocks, np.ones((8, 8))).astype(np.float32)
         place = np.zeros(SHAPE, dtype=bool)
         place[y, x] = True
-        seen = near, depth, CAMERA, plate, settings, place, ThreadTeam(1)
+        seen = near, depth, CAMERA, plate, settings, place, ALONE
         shares.append(match_templates(one, *seen)[0].support.tolist())
 
         smooth, scale = cv2.medianBlur(depth, 5), 600.0 / (0.6 - one.anchors_cam[0, 2])
@@ -214,10 +205,7 @@ def test_an_object_without_enough_edges_has_no_templates(plate):
     small = replace(plate, mesh=plate.mesh, diameter=20.0)  # a speck in views of 20 m
     none = build_templates(small, SETTINGS)
     assert len(none.offsets) == 0
-    rgb, depth, _ = scene(plate, 0.0)
-    near = spread_edges(color_edges(rgb), SETTINGS.reach)
-    found, _ = match_templates(none, near, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
-    assert found.poses_cam_obj.shape == (0, 4, 4)
+    assert look(plate, none, *scene(plate, 0.0)[:2])[0].poses_cam_obj.shape == (0, 4, 4)
 
 
 def test_few_poses_of_one_place_are_kept(plate):

@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, Int8, UInt8
+from jaxtyping import Float, Float32, Int, Int8, Int32, UInt8
 
 from hlp.arrays import CameraMatrix, Image, Mask, Pixels, Points, Poses, Rows
 from hlp.geometry import allocentric_to_egocentric, rigid, transform
@@ -10,7 +10,7 @@ from hlp.image_edges import NO_EDGE, STEPS
 from hlp.kernels import compiled_ahead
 from hlp.records import Hypotheses, ObjectModel
 from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
-from hlp.templates.scanning import Places, best_templates
+from hlp.templates.scanning import PER_PLACE, SAME, Places, ScannedImage, arrange, scan
 from hlp.threads import ThreadTeam
 
 _DEPTH_LIMIT = 0.12  # of the diameter: a point of the surface that is farther off is missing
@@ -19,6 +19,8 @@ _STEP = 0.1  # of the diameter: where the depth jumps that far, there is no norm
 _PLACE = 0.4  # of the diameter: poses as close as this are at the same place
 _MEDIAN = 5  # px, of the depth at a place
 _NEAREST = 0.1  # m: the nearest depth
+_SPREAD = 0.07  # of the depths that are looked at together
+_BESIDE = SAME // 2  # answer of an edge of the next direction
 _SAME_SHIFT, _SAME_TURN = 0.08, np.deg2rad(14.0)  # of the diameter: matches of one pose
 
 
@@ -107,6 +109,67 @@ def _grid_places(
         turns,
         np.einsum("pji,pj->pi", turns, normals).astype(np.float32),
     )
+
+
+def best_templates(
+    places: Places,
+    templates: Templates,
+    near: UInt8[np.ndarray, "h w"],
+    depth: Float32[np.ndarray, "h w"],
+    focal: float,
+    step: int,
+    limits: tuple[float, float],
+    team: ThreadTeam,
+) -> tuple[Float32[np.ndarray, "p k"], Int32[np.ndarray, "p k"]]:
+    """The best templates at each place: shares of their features that are found, and rows.
+
+    Places are `step` px apart, the first half a step from the image's border. The `limits` are that
+    of depth (m), beyond which a point of the surface is missing, and the least share.
+    """
+    shares = np.zeros((len(places.pixels), PER_PLACE), dtype=np.float32)
+    rows = np.full(shares.shape, -1, dtype=np.int32)
+    far = max(np.abs(templates.offsets).max(initial=1e-6), np.abs(templates.surface).max(initial=0))
+    nearest = max(
+        places.depths.min(initial=np.inf) - templates.anchors_cam[:, 2].max(initial=0.0), _NEAREST
+    )
+    border = (min(int(focal * far / nearest), max(depth.shape) // 2) // step + 2) * step
+    image = _with_border(near, depth, border, step)
+    _, group = np.unique(np.floor(np.log(places.depths) / _SPREAD), return_inverse=True)
+    depths = np.bincount(group, places.depths) / np.maximum(np.bincount(group), 1)
+    moved = places._replace(pixels=places.pixels + np.float32(border + 0.5))
+    scales = np.float32(focal), np.float32((border - step) / far)
+    most, least = (np.float32(limit) for limit in limits)
+
+    def scan_some(a: int, b: int) -> None:
+        some = Places(*(part[a:b] for part in moved))
+        groups, limits = (group[a:b], depths.astype(np.float32)), (*scales, most, least)
+        scan(image, some, groups, templates, limits, shares[a:b], rows[a:b])
+
+    team.map_ranges(scan_some, len(shares))
+    return shares, rows
+
+
+def _with_border(
+    near: UInt8[np.ndarray, "h w"], depth: Float32[np.ndarray, "h w"], border: int, step: int
+) -> ScannedImage:
+    """An image with a border (px) on each side, of whole cells."""
+    sides, answers = [(border, border + -length % step) for length in depth.shape], _answers()
+    wide = np.pad(near, sides)
+    rows, columns = wide.shape[0] // step, wide.shape[1] // step
+    by_place = np.empty((DIRECTIONS, step, step, rows, columns), dtype=np.uint8)
+    arrange(wide, answers, by_place)
+    apart = np.arange(-border, border) + step // 2
+    across = apart // step + apart % step * rows * columns
+    down = apart // step * columns + apart % step * step * rows * columns
+    around = np.pad(depth, sides).ravel()
+    return ScannedImage(wide.ravel(), around, wide.shape[1], answers, by_place, across, down)
+
+
+def _answers() -> UInt8[np.ndarray, "8 256"]:
+    """How well a feature of each direction is answered by edges near it, by their bits."""
+    own, bits = np.arange(DIRECTIONS)[:, None], np.arange(256)
+    same, *beside = (bits >> (own + by) % DIRECTIONS & 1 for by in (0, 1, -1))
+    return np.where(same, SAME, np.where(np.any(beside, axis=0), _BESIDE, 0)).astype(np.uint8)
 
 
 def _points_at(depth: Image, x: Rows, y: Rows, camera_matrix: CameraMatrix) -> Points:

@@ -13,16 +13,15 @@ from jaxtyping import Float, Float32, Int32, Int64, UInt8, UInt64
 
 from hlp.arrays import Points
 from hlp.kernels import compiled, compiled_ahead
-from hlp.templates.building import DIRECTIONS, SURFACE, Templates
-from hlp.threads import ThreadTeam
+from hlp.templates.building import SURFACE, Templates
 
-_SAME, _BESIDE = 4, 2  # answer to an edge of the feature's direction, and of the next ones
+SAME = 4
+"""Answer of an edge of the feature's direction; others' are less."""
+PER_PLACE = 6
+"""Templates that are kept at each place."""
 _FIRST = 16  # features after which a place that has too few of them is left; none has fewer
 _MOST_MISSING, _MOST_UNSEEN = 4, 9  # points that are missing; those, and points behind something
 _LEAST_COSINE = 0.7  # of the angle between the normals at an anchor and at a place (D)
-_PER_PLACE = 6  # templates that are kept at each place
-_NEAREST = 0.1  # m: the nearest depth
-_SPREAD = 0.07  # of the depths that are looked at together
 _SLACK = 4  # of the first features' answers: these depths are not the same
 _ENOUGH, _ANY_ENOUGH = np.uint8(0x80), np.uint64(0x8080808080808080)  # bit of sums, in a word
 
@@ -41,7 +40,7 @@ class Places(NamedTuple):
     normals: Float32[np.ndarray, "p 3"]
 
 
-class _Image(NamedTuple):
+class ScannedImage(NamedTuple):
     """An image within a border, so that no point of a template need be looked for outside it.
 
     Row by row, `near` are the directions of near edges and `depth` the depths (m); `answers` are
@@ -60,74 +59,13 @@ class _Image(NamedTuple):
     down: Int64[np.ndarray, "n"]
 
 
-def best_templates(
-    places: Places,
-    templates: Templates,
-    near: UInt8[np.ndarray, "h w"],
-    depth: Float32[np.ndarray, "h w"],
-    focal: float,
-    step: int,
-    limits: tuple[float, float],
-    team: ThreadTeam,
-) -> tuple[Float32[np.ndarray, "p k"], Int32[np.ndarray, "p k"]]:
-    """The best templates at each place: shares of their features that are found, and rows.
-
-    Places are `step` px apart, the first half a step from the image's border. The `limits` are that
-    of depth (m), beyond which a point of the surface is missing, and the least share.
-    """
-    shares = np.zeros((len(places.pixels), _PER_PLACE), dtype=np.float32)
-    rows = np.full(shares.shape, -1, dtype=np.int32)
-    far = max(np.abs(templates.offsets).max(initial=1e-6), np.abs(templates.surface).max(initial=0))
-    nearest = max(
-        places.depths.min(initial=np.inf) - templates.anchors_cam[:, 2].max(initial=0.0), _NEAREST
-    )
-    border = (min(int(focal * far / nearest), max(depth.shape) // 2) // step + 2) * step
-    image = _with_border(near, depth, border, step)
-    _, group = np.unique(np.floor(np.log(places.depths) / _SPREAD), return_inverse=True)
-    depths = np.bincount(group, places.depths) / np.maximum(np.bincount(group), 1)
-    moved = places._replace(pixels=places.pixels + np.float32(border + 0.5))
-    scales = np.float32(focal), np.float32((border - step) / far)
-    most, least = (np.float32(limit) for limit in limits)
-
-    def scan(a: int, b: int) -> None:
-        some = Places(*(part[a:b] for part in moved))
-        groups, limits = (group[a:b], depths.astype(np.float32)), (*scales, most, least)
-        _scan(image, some, groups, templates, limits, shares[a:b], rows[a:b])
-
-    team.map_ranges(scan, len(shares))
-    return shares, rows
-
-
-def _with_border(
-    near: UInt8[np.ndarray, "h w"], depth: Float32[np.ndarray, "h w"], border: int, step: int
-) -> _Image:
-    """An image with a border (px) on each side, of whole cells."""
-    sides, answers = [(border, border + -length % step) for length in depth.shape], _answers()
-    wide = np.pad(near, sides)
-    rows, columns = wide.shape[0] // step, wide.shape[1] // step
-    by_place = np.empty((DIRECTIONS, step, step, rows, columns), dtype=np.uint8)
-    _arrange(wide, answers, by_place)
-    apart = np.arange(-border, border) + step // 2
-    across = apart // step + apart % step * rows * columns
-    down = apart // step * columns + apart % step * step * rows * columns
-    around = np.pad(depth, sides).ravel()
-    return _Image(wide.ravel(), around, wide.shape[1], answers, by_place, across, down)
-
-
-def _answers() -> UInt8[np.ndarray, "8 256"]:
-    """How well a feature of each direction is answered by edges near it, by their bits."""
-    own, bits = np.arange(DIRECTIONS)[:, None], np.arange(256)
-    same, *beside = (bits >> (own + by) % DIRECTIONS & 1 for by in (0, 1, -1))
-    return np.where(same, _SAME, np.where(np.any(beside, axis=0), _BESIDE, 0)).astype(np.uint8)
-
-
 @compiled_ahead()
-def _arrange(
+def arrange(
     near: UInt8[np.ndarray, "h w"],
     answers: UInt8[np.ndarray, "8 256"],
     by_place: UInt8[np.ndarray, "8 s s r c"],
 ) -> None:
-    """Write `_Image.by_place`."""
+    """Write `ScannedImage.by_place`, which the array has the shape of."""
     step, rows, columns = by_place.shape[2:]
     for direction in range(len(answers)):
         for y in range(step):
@@ -139,8 +77,8 @@ def _arrange(
 
 
 @compiled_ahead(fastmath=True)
-def _scan(
-    image: _Image,
+def scan(
+    image: ScannedImage,
     places: Places,
     groups: tuple[Int64[np.ndarray, "p"], Float32[np.ndarray, "g"]],
     templates: Templates,
@@ -170,7 +108,7 @@ def _scan(
 
 @compiled()
 def _take_group(
-    image: _Image,
+    image: ScannedImage,
     places: Places,
     groups: Int64[np.ndarray, "p"],
     group: int,
@@ -180,7 +118,7 @@ def _take_group(
 ) -> tuple[int, int]:
     """First cell of a group and the number up to its last: sums start so that enough has a bit."""
     step, columns = image.by_place.shape[2], image.by_place.shape[4]
-    start = 128 - max(int(np.ceil(least * _SAME * _FIRST)) - _SLACK, 0)
+    start = 128 - max(int(np.ceil(least * SAME * _FIRST)) - _SLACK, 0)
     starts[:] = 0
     first, last = len(starts), -1
     for place in range(len(groups)):
@@ -194,7 +132,7 @@ def _take_group(
 
 @compiled(fastmath=True)
 def _locate(
-    image: _Image,
+    image: ScannedImage,
     templates: Templates,
     t: int,
     scale: np.float32,
@@ -248,7 +186,7 @@ def _list_likely(
 
 @compiled(fastmath=True)
 def _compare(
-    image: _Image,
+    image: ScannedImage,
     places: Places,
     likely: Int64[np.ndarray, "n"],
     templates: Templates,
@@ -259,28 +197,27 @@ def _compare(
 ) -> None:
     """Lay one template on likely places: keep the share of its features that each has."""
     pixels, depths, normals = places.pixels, places.depths, places.normals
-    facing, nearer = templates.normals_cam[t], np.float32(templates.anchors_cam[t, 2])
+    facing, whole = templates.normals_cam[t], np.float32(SAME * templates.offsets.shape[1])
     offsets, directions, surface = (
         templates.offsets[t],
         templates.directions[t],
         templates.surface[t],
     )
     near, depth, answers, width = image.near, image.depth, image.answers, image.width
-    whole = np.float32(_SAME * len(offsets))
     for place in likely:
         cosine = normals[place, 0] * facing[0] + normals[place, 1] * facing[1]
         cosine += normals[place, 2] * facing[2]
         if cosine < np.float32(_LEAST_COSINE) and cosine != 0.0:  # 0: either has no normal
             continue
         x_0, y_0, here = pixels[place, 0], pixels[place, 1], depths[place]
-        scale = limits[0] / (here - nearer)
+        scale = limits[0] / (here - np.float32(templates.anchors_cam[t, 2]))
         if not 0.0 < scale <= limits[1]:
             continue
         found = np.int32(0)
         for k in range(_FIRST):
             x, y = x_0 + scale * offsets[k, 0], y_0 + scale * offsets[k, 1]
             found += answers[directions[k], near[np.uint32(int(y) * width + int(x))]]
-        if found < limits[3] * np.float32(_SAME * _FIRST):
+        if found < limits[3] * np.float32(SAME * _FIRST):
             continue
         if not _is_seen(depth, width, here, x_0, y_0, scale, surface, limits[2]):
             continue
