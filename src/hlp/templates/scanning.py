@@ -44,10 +44,9 @@ class ScannedImage(NamedTuple):
     """An image within a border, so that no point of a template need be looked for outside it.
 
     Row by row, `near` are the directions of near edges and `depth` the depths (m); `answers` are
-    those of features of each direction to such edges. `by_place` are all of them: for each
-    direction and each pixel of a cell of `step` px those at that pixel of all cells, side by side.
-    There, `across` and `down` lead from the first of a cell to pixels so far from its place, the
-    first of them as far to the left, or above, as the border is wide.
+    those of features of each direction to such edges. `by_place` holds the answers for all pixels:
+    those at one pixel of all cells, of `s` px, side by side. The answer `x` and `y` px from a place
+    is `across[x + border] + down[y + border]` after the first of the place's cell.
     """
 
     near: UInt8[np.ndarray, "n"]
