@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from numpy.lib.stride_tricks import sliding_window_view
 
 from hlp.geometry import rigid
 from hlp.refinement.pose_fit import depth_correlation, measure_fit, slope_correlation
@@ -33,6 +34,26 @@ def test_depth_correlation_is_that_of_what_planes_leave():
     found, deviation = depth_correlation(first, second, among)
     assert found == pytest.approx(expected, abs=1e-9)
     assert deviation == pytest.approx(left[0].std(), abs=1e-9)
+
+
+def test_slopes_are_those_of_plain_numpy():
+    """Of means over 11 px: a twentieth of 99 px on each side; 6 % of the pixels are missing."""
+    first, second = bumps(1), bumps(2)
+    among = np.random.default_rng(0).random(first.shape) < 0.94
+    among[30:45, 40:70] = False
+    seen = (
+        np.pad(np.where(among, image, 0.0), 5) for image in (np.ones_like(first), first, second)
+    )
+    count, *totals = (sliding_window_view(image, (11, 11)).sum(axis=(2, 3)) for image in seen)
+    full, means = count > 0.8 * 121, [total / np.maximum(count, 1.0) for total in totals]
+    slopes = []
+    for ahead, behind in ((np.s_[:, 10:], np.s_[:, :-10]), (np.s_[10:], np.s_[:-10])):
+        both = full[ahead] & full[behind]
+        pair = [(mean[ahead] - mean[behind])[both] for mean in means]
+        slopes.append([slope - slope.mean() for slope in pair])
+    a, b = (np.concatenate(parts) for parts in zip(*slopes, strict=True))
+    expected = (a @ b) / np.sqrt((a @ a) * (b @ b))
+    assert slope_correlation(first, second, among) == pytest.approx(expected, abs=1e-5)
 
 
 def test_of_too_few_pixels_nothing_tells_how_flat_they_are():

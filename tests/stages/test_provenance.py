@@ -19,10 +19,7 @@ NAME = "0123456789abcdef"
 
 def git(folder, *words):
     who = ("-c", "user.name=a", "-c", "user.email=a@b")
-    done = subprocess.run(
-        ["git", *who, *words], cwd=folder, check=True, capture_output=True, text=True
-    )
-    return done.stdout.strip()
+    return subprocess.check_output(["git", *who, *words], cwd=folder, text=True).strip()
 
 
 @pytest.fixture

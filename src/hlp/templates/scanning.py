@@ -197,11 +197,7 @@ def _compare(
     """Lay one template on likely places: keep the share of its features that each has."""
     pixels, depths, normals = places.pixels, places.depths, places.normals
     facing, whole = templates.normals_cam[t], np.float32(SAME * templates.offsets.shape[1])
-    offsets, directions, surface = (
-        templates.offsets[t],
-        templates.directions[t],
-        templates.surface[t],
-    )
+    offsets, directions = templates.offsets[t], templates.directions[t]
     near, depth, answers, width = image.near, image.depth, image.answers, image.width
     for place in likely:
         cosine = normals[place, 0] * facing[0] + normals[place, 1] * facing[1]
@@ -218,7 +214,7 @@ def _compare(
             found += answers[directions[k], near[np.uint32(int(y) * width + int(x))]]
         if found < limits[3] * np.float32(SAME * _FIRST):
             continue
-        if not _is_seen(depth, width, here, x_0, y_0, scale, surface, limits[2]):
+        if not _is_seen(depth, width, here, x_0, y_0, scale, templates.surface[t], limits[2]):
             continue
         for k in range(_FIRST, len(offsets)):
             x, y = x_0 + scale * offsets[k, 0], y_0 + scale * offsets[k, 1]
