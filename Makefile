@@ -73,8 +73,9 @@ demo: $(STAMP) ## poses of synthetic objects: train, recover, score, log to MLfl
 example: $(STAMP) ## make anew what `hlp predict learnt=example` shows: two minutes of computing
 	@$(BIN)/python benchmarks/example.py
 
+# Some tests start processes of their own: what these import is compiled once, also where that is not kept otherwise.
 test: $(STAMP) ## the tests
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q $(AT_ONCE)
+	@PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q $(AT_ONCE)
 
 test-slow: $(STAMP) ## the tests that take longer; those that need a browser fail without one if BROWSER=required
 	@HLP_BROWSER=$(BROWSER) $(BIN)/python -m pytest -q $(AT_ONCE) -m "$(SLOW)"

@@ -47,8 +47,9 @@ class Layout:
     scenes: tuple[int, ...] = (3,)
 
 
+_COLORED = {"models": "vertices", "models_eval": None}
 LAYOUTS = {
-    "lmo": Layout({"test": True}, {"models": "vertices", "models_eval": None}),
+    "lmo": Layout({"test": True}, _COLORED),
     "tless": Layout(
         {"test_primesense": True},
         {"models_cad": None, "models_reconst": "vertices", "models_eval": None},
@@ -56,23 +57,12 @@ LAYOUTS = {
         bin=True,
         scenes=(2, 1),
     ),
-    "tudl": Layout({"test": True}, {"models": "vertices", "models_eval": None}, scenes=(1, 1, 1)),
-    "icbin": Layout(
-        {"test": True}, {"models": "vertices", "models_eval": None}, depth_scale=0.1, bin=True
-    ),
+    "tudl": Layout({"test": True}, _COLORED, scenes=(1, 1, 1)),
+    "icbin": Layout({"test": True}, _COLORED, depth_scale=0.1, bin=True),
     "itodd": Layout(
-        {"test": False, "val": True},
-        {"models": None, "models_eval": None},
-        "gray/tif",
-        "tif",
-        depth_scale=0.1,
-        bin=True,
+        {"test": False, "val": True}, {**_COLORED, "models": None}, "gray/tif", "tif", 0.1, True
     ),
-    "hb": Layout(
-        {"test_primesense": False, "val_primesense": True},
-        {"models": "vertices", "models_eval": None},
-        scenes=(2, 1),
-    ),
+    "hb": Layout({"test_primesense": False, "val_primesense": True}, _COLORED, scenes=(2, 1)),
     "ycbv": Layout(
         {"test": True}, {"models": "texture", "models_eval": None}, depth_scale=0.1, scenes=(1, 2)
     ),
@@ -86,8 +76,9 @@ def write_bop_set(name: str, root: Path, width: int = 320) -> Layout:
     localization names numbers of instances, that for detection the images alone.
     """
     layout = LAYOUTS[name]
+    few = {"objects": (4, 4), "clutter": (1, 1)} if layout.bin else {}  # to drop one takes a while
     settings = BinSettings if layout.bin else SyntheticSettings
-    data = settings(scenes=3, width=width, seed=3).build()
+    data = settings(scenes=3, width=width, seed=3, **few).build()
     frames = [
         _cropped(data.frames.load(key), 4 * number) for number, key in enumerate(data.frames.keys)
     ]

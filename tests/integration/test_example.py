@@ -5,6 +5,8 @@ Where the format of what is learnt has moved on, `make example` makes it anew.
 
 import shutil
 
+import pytest
+
 from forked_hlp import run_hlp, succeed
 from hlp import Detector
 from hlp.evaluation.errors import add
@@ -15,6 +17,7 @@ from run_files import read_json, stated_pose
 LARGEST = 3e6  # bytes of all of it, in every wheel
 
 
+@pytest.mark.slow
 def test_readmes_first_command_finds_the_example_and_says_where_its_picture_is(tmp_path):
     done = succeed(tmp_path, "predict", "learnt=example", "output=found")
     assert "Pictures  found/panels/000000.png\n" in done.stdout

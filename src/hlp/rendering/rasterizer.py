@@ -5,6 +5,7 @@ for planes. Both sides of a triangle are visible, because scanned meshes are not
 Kernels are serial and release the GIL; threads render different poses. `shading` gives the colours.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -107,11 +108,12 @@ def render_box(
     as far as the image goes.
     """
     corners = _corners(transform(pose_cam_obj, mesh.vertices), camera_matrix)
-    (left, top), (right, bottom) = _box(corners, shape, border).tolist()
-    corners[:, :2] -= left, top  # whole pixels are subtracted without rounding
-    inverse_depth, triangles = _empty((bottom - top, right - left))
+    rows, columns = (_spanned(corners, axis, shape, border) for axis in (1, 0))
+    corners[:, 0] -= columns.start  # whole pixels are subtracted without rounding
+    corners[:, 1] -= rows.start
+    inverse_depth, triangles = _empty((rows.stop - rows.start, columns.stop - columns.start))
     fill_triangles(corners, np.ascontiguousarray(mesh.faces, np.int32), inverse_depth, triangles, 0)
-    return slice(top, bottom), slice(left, right), _depth(inverse_depth)
+    return rows, columns, _depth(inverse_depth)
 
 
 def render_rgbd(
@@ -171,20 +173,18 @@ def _corners(points_cam: Points, camera_matrix: CameraMatrix) -> Points:
     """Vertices as `fill_triangles` takes them."""
     z = points_cam[:, 2]
     inverse = np.where(z >= NEAR, 1.0 / np.where(z >= NEAR, z, 1.0), 0.0)
-    corners = np.empty((len(points_cam), 3))
-    corners[:, 0] = points_cam[:, 0] * inverse * camera_matrix[0, 0] + camera_matrix[0, 2]
-    corners[:, 1] = points_cam[:, 1] * inverse * camera_matrix[1, 1] + camera_matrix[1, 2]
-    corners[:, 2] = inverse
-    return corners
+    x, y = (points_cam[:, i] * inverse * camera_matrix[i, i] + camera_matrix[i, 2] for i in (0, 1))
+    return np.stack([x, y, inverse], axis=-1)
 
 
-def _box(corners: Points, shape: tuple[int, int], border: int) -> Int[np.ndarray, "2 2"]:
-    """First pixel (x, y) and the one past the last that corners in front of the camera span."""
-    drawn, end = corners[corners[:, 2] > 0.0, :2], np.array(shape[::-1])
-    drawn = drawn if len(drawn) else np.zeros((1, 2))  # a pixel in which nothing is
-    first = np.clip(np.floor(drawn.min(axis=0)), 0, end)
-    last = np.clip(np.ceil(drawn.max(axis=0)) + 1, first, end)
-    return np.asarray(np.clip([first - border, last + border], 0, end), dtype=np.int64)
+def _spanned(corners: Points, axis: int, shape: tuple[int, int], border: int) -> slice:
+    """The pixels along x (0) or y (1) that corners in front of the camera span, and a border."""
+    drawn = corners[corners[:, 2] > 0.0, axis]
+    low, high = (drawn.min(), drawn.max()) if len(drawn) else (0.0, 0.0)  # one pixel for nothing
+    end = shape[1 - axis]
+    first = min(max(math.floor(low), 0), end)
+    last = min(max(math.ceil(high) + 1, first), end)
+    return slice(max(first - border, 0), min(last + border, end))
 
 
 def _depth(inverse_depth: Image) -> Image:
