@@ -8,7 +8,7 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property, update_wrapper
+from functools import cache, cached_property, partial, update_wrapper
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
@@ -41,11 +41,7 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
     written, every process compiles them again. The package's own folder is never written. Kernels
     fill rows by loops: to put arrays into slices, numba compiles checks of shapes for long.
     """
-
-    def compile_later(function: Function) -> Function:
-        return cast(Function, _Kernel(function, options))
-
-    return compile_later
+    return cast(Callable[[Function], Function], partial(_Kernel, options=options))
 
 
 def compiled_ahead(**options: Any) -> Callable[[Function], Function]:
@@ -55,11 +51,7 @@ def compiled_ahead(**options: Any) -> Callable[[Function], Function]:
     time (`hatch_kernels.py`). Arrays must be contiguous; `Float` without a width is float64, `Int`
     int64. With other arrays, calling it raises TypeError, compiled ahead or not.
     """
-
-    def compile_later(function: Function) -> Function:
-        return cast(Function, AheadKernel(function, options))
-
-    return compile_later
+    return cast(Callable[[Function], Function], partial(AheadKernel, options=options))
 
 
 class _Kernel:
