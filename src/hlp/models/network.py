@@ -50,12 +50,7 @@ class Network:
 
     def _open_session(self, threads: int) -> "InferenceSession":
         import onnxruntime
-        from onnxruntime.capi.onnxruntime_pybind11_state import (
-            Fail,
-            InvalidArgument,
-            InvalidGraph,
-            InvalidProtobuf,
-        )
+        from onnxruntime.capi import onnxruntime_pybind11_state as kinds
 
         if self._device != "cpu" and hasattr(onnxruntime, "preload_dlls"):  # since 1.21
             onnxruntime.preload_dlls()  # CUDA's libraries, where pip has installed them
@@ -69,9 +64,10 @@ class Network:
             # Without VNNI, sums of 8-bit products may overflow. The safe way takes twice as long.
             options.add_session_config_entry("session.x64quantprecision", "1")
         options.log_severity_level = 3
+        damaged = kinds.InvalidProtobuf, kinds.InvalidGraph, kinds.InvalidArgument, kinds.Fail
         try:
             session = onnxruntime.InferenceSession(self._content, options, providers=[provider])
-        except (InvalidProtobuf, InvalidGraph, InvalidArgument, Fail) as error:
+        except damaged as error:
             raise DataError(
                 f"{self._path} is damaged ({error}): train again, or copy it anew"
             ) from error
