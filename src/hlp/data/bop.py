@@ -119,8 +119,10 @@ class BopSettings(FolderSettings):
         split, every = bop_models.find_split(root, self.split), self.search == "all"
         listed = None if self.targets is None else root / self.targets
         if self.targets == bop_models.AUTO:
-            years = (24, 19) if every else (19, 24)
-            listed = bop_models.find_targets_file(root, split, years)
+            # The list of 2019 states objects and their numbers, that of 2024 only the frames.
+            kind, years = split.partition("_")[0], (24, 19) if every else (19, 24)
+            paths = (root / f"{kind}_targets_bop{year}.json" for year in years)
+            listed = next((path for path in paths if path.is_file()), None)
         of = root / split, listed, given, self.min_visible, every
         frames = BopFrames(*of, max_megapixels=self.max_megapixels)
         if every:

@@ -194,16 +194,6 @@ def find_split(root: Path, split: str = AUTO) -> str:
     return (with_poses or found)[0]
 
 
-def find_targets_file(root: Path, split: str, years: Sequence[int]) -> Path | None:
-    """BOP's list of targets for a split, the first of these `years` if there is one.
-
-    The list of 2019 states the objects and their numbers, that of 2024 only the frames.
-    """
-    kind = split.partition("_")[0]
-    paths = [root / f"{kind}_targets_bop{year}.json" for year in years]
-    return next((path for path in paths if path.is_file()), None)
-
-
 DIAMETER_TOLERANCE = 1.25
 """A stated diameter may be that many times larger or smaller than the mesh's."""
 SYMMETRY_TOLERANCE = 0.05
