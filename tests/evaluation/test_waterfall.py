@@ -7,7 +7,6 @@ from hlp.evaluation.waterfall import (
     CAUSES,
     CORRECT,
     TargetCounts,
-    TargetResults,
     VoteCounts,
     cause_of,
     count_causes,
@@ -22,8 +21,8 @@ def _none(count):
 
 
 # A target for which every stage did its part but the last: the right pose was not chosen.
-FINE = TargetResults(
-    TargetCounts(visible=1000, with_depth=900, windows=12, in_region=800, good_votes=50),
+FINE = dict(
+    counts=TargetCounts(visible=1000, with_depth=900, windows=12, in_region=800, good_votes=50),
     near_basin=np.array([False, True, False, True]),
     refined=np.array([0, 1]),
     right=np.array([False, True]),
@@ -32,17 +31,17 @@ FINE = TargetResults(
 
 
 def _with(results, **counts):
-    return dataclasses.replace(results, counts=dataclasses.replace(results.counts, **counts))
+    return results | {"counts": dataclasses.replace(results["counts"], **counts)}
 
 
-NOT_RIGHT = dataclasses.replace(FINE, right=_none(2))
-NOT_REFINED = dataclasses.replace(NOT_RIGHT, refined=np.array([0, 2]))
-NOT_NEAR = dataclasses.replace(NOT_RIGHT, near_basin=_none(4))
+NOT_RIGHT = FINE | {"right": _none(2)}
+NOT_REFINED = NOT_RIGHT | {"refined": np.array([0, 2])}
+NOT_NEAR = NOT_RIGHT | {"near_basin": _none(4)}
 FEW = _with(NOT_NEAR, good_votes=4)
 NO_REGION = _with(FEW, in_region=249)
 NO_WINDOW = _with(NO_REGION, windows=0)
 NO_DEPTH = _with(NO_WINDOW, with_depth=499)
-FLIPPED = dataclasses.replace(FINE, flipped=True)
+FLIPPED = FINE | {"flipped": True}
 
 
 @pytest.mark.parametrize(
@@ -60,24 +59,23 @@ FLIPPED = dataclasses.replace(FINE, flipped=True)
     ],
 )
 def test_every_cause_has_its_case(cause, results):
-    assert cause_of(results) == cause
+    assert cause_of(**results) == cause
 
 
 def test_at_its_bound_a_stage_still_did_its_part():
     at_bounds = _with(NOT_NEAR, good_votes=5, in_region=250, windows=1)
-    assert cause_of(_with(at_bounds, with_depth=500)) == "outside_basin"
+    assert cause_of(**_with(at_bounds, with_depth=500)) == "outside_basin"
 
 
 def test_a_later_stage_that_did_its_part_clears_those_before_it():
-    lucky = dataclasses.replace(NO_DEPTH, near_basin=FINE.near_basin)
-    assert cause_of(lucky) == "refiner_diverged"
-    assert cause_of(dataclasses.replace(lucky, right=FINE.right)) == "ranking"
+    lucky = NO_DEPTH | {"near_basin": FINE["near_basin"]}
+    assert cause_of(**lucky) == "refiner_diverged"
+    assert cause_of(**lucky | {"right": FINE["right"]}) == "ranking"
 
 
 def test_a_hidden_target_without_any_hypothesis_has_no_window():
-    counts = TargetCounts(0, 0, 0, 0, 0)
-    nothing = TargetResults(counts, _none(0), np.zeros(0, dtype=int), _none(0), False)
-    assert cause_of(nothing) == "no_window"
+    poses = {"near_basin": _none(0), "refined": np.zeros(0, dtype=int), "right": _none(0)}
+    assert cause_of(TargetCounts(0, 0, 0, 0, 0), **poses, flipped=False) == "no_window"
 
 
 @pytest.mark.parametrize(

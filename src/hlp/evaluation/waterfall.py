@@ -65,30 +65,20 @@ class TargetCounts:
     good_votes: int
 
 
-@dataclass(frozen=True)
-class TargetResults:
-    """What all stages made of one target.
+def cause_of(
+    counts: TargetCounts, *, near_basin: Flags, refined: Rows, right: Flags, flipped: bool
+) -> str:
+    """The cause of a miss; the module's docstring lists the causes in the order of the checks.
 
     `near_basin` says of every coarse pose whether it is within the refiner's basin, `refined` are
     the indices of the refined ones, and `right` says of each refined pose whether it is right.
     `flipped`: the chosen pose is right except for a turn that nearly maps the object onto itself.
     """
-
-    counts: TargetCounts
-    near_basin: Flags
-    refined: Rows
-    right: Flags
-    flipped: bool
-
-
-def cause_of(results: TargetResults) -> str:
-    """The cause of a miss; the module's docstring lists the causes in the order of the checks."""
-    counts = results.counts
     checks = (
-        ("symmetric_flip", results.flipped),
-        ("ranking", bool(results.right.any())),
-        ("refiner_diverged", bool(results.near_basin[results.refined].any())),
-        ("screening", bool(results.near_basin.any())),
+        ("symmetric_flip", flipped),
+        ("ranking", bool(right.any())),
+        ("refiner_diverged", bool(near_basin[refined].any())),
+        ("screening", bool(near_basin.any())),
         ("depth_missing", counts.with_depth < _WITH_DEPTH * counts.visible),
         ("no_window", counts.windows == 0),
         ("wrong_region", counts.in_region < _IN_REGION * counts.visible),

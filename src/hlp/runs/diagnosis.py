@@ -19,7 +19,7 @@ from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.bop_recalls import unoccluded_mask
 from hlp.evaluation.errors import BASIN, is_symmetric_flip, near_truth
 from hlp.evaluation.evaluator import FrameTruth, add_correct
-from hlp.evaluation.waterfall import TargetCounts, TargetResults, VoteCounts, cause_of
+from hlp.evaluation.waterfall import TargetCounts, VoteCounts, cause_of
 from hlp.geometry import transform
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
 from hlp.progress import Progress
@@ -112,19 +112,19 @@ def explain_misses(
             trace = read(frame_key(score.scene_id, score.frame_id))
             assert not isinstance(trace, str)  # what has failed has no notes
             model = detection.dataset.models[target.object_id]
-            results = _results(trace[target.object_id], target, counts, model, settings)
-            score = dataclasses.replace(score, cause=cause_of(results))
+            cause = _cause(trace[target.object_id], target, counts, model, settings)
+            score = dataclasses.replace(score, cause=cause)
         explained.append(score)
     return explained
 
 
-def _results(
+def _cause(
     found: ObjectTrace,
     target: Target,
     counts: TargetCounts,
     model: ObjectModel,
     settings: EvaluationSettings,
-) -> TargetResults:
+) -> str:
     true, fine, coarse = target.pose_cam_obj, found.refined, found.hypotheses
     assert coarse is not None
     refined = [] if fine is None else [pose.pose_cam_obj for pose in fine.refined]
@@ -132,7 +132,7 @@ def _results(
     sources = np.zeros(0, dtype=int) if fine is None else fine.sources
     poses = coarse.poses_cam_obj
     places = poses[:, :3, :3], transform(poses, model.centroid[None])[:, 0]
-    return TargetResults(
+    return cause_of(
         counts,
         near_basin=near_truth(*places, true, model, settings, BASIN),
         refined=sources[sources >= 0],  # the others come from the fallback
