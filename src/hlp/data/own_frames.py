@@ -156,9 +156,6 @@ class OwnFrames(FrameReader):
 
     settings: FrameFiles
 
-    def __init__(self, files: FrameFiles) -> None:
-        super().__init__(files)
-
     @property
     def depth_scale(self) -> float:
         """Millimetres per unit of the depth images: given, stated by a file, or guessed."""
