@@ -56,8 +56,7 @@ def learn_into(folder: Path, request: LearningRequest) -> Path:
 def learn_once(cache: Path, request: LearningRequest) -> Path:
     """The folder in the cache for exactly this request; learns the objects if there is none."""
     made_from = learning.learning_request(request.models, request.settings, request.images)
-    identity = made_from["made_from"]
-    folder = cache / f"{request.names}-{identity[:8]}"
+    folder = cache / f"{request.names}-{made_from['made_from'][:8]}"
     if (folder / learnt_folder.RECORD).is_file():
         learnt_folder.read_record(folder)
         _logger.info("already learnt: %s", folder)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hlp.reporting.comparison import Difference
 from hlp.reporting.figures import new_figure
 from hlp.reporting.study_tables import TIMED, TOTAL, format_ms
 from hlp.reporting.summary_tables import METRIC_LABELS, paper_recalls, run_cells
@@ -20,8 +21,6 @@ from hlp.results.recalls import CORRECT
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Interval = tuple[float, float]
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 """Of series; the colour-blind tell them apart too (Okabe and Ito, 2008)."""
@@ -58,7 +57,7 @@ class Bar:
 
     value: float
     text: str = ""
-    interval: Interval | None = None
+    interval: tuple[float, float] | None = None
     color: str = ""
 
 
@@ -219,7 +218,7 @@ def object_bars(summary: Mapping[str, Any]) -> "Figure":
     return draw_bars(list(scores), [panel], "")
 
 
-def gain_bar(found: tuple[float, Interval] | None) -> Bar | None:
+def gain_bar(found: Difference | None) -> Bar | None:
     """A difference of recalls with its interval, where there is one."""
     return found and Bar(found[0], f"{found[0]:+.3f}", found[1])
 
