@@ -10,7 +10,7 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Le, Unit
+from annotated_types import Le, Unit
 from jaxtyping import Float, Float32, Int
 
 from hlp.arrays import CameraMatrix, Image, Mask, Points, Pose, Poses, Rows, Values
@@ -26,7 +26,7 @@ from hlp.refinement.cost_kernel import (
 )
 from hlp.rendering.rasterizer import NEAR
 from hlp.rendering.zbuffer import add_frame, prepare_mesh
-from hlp.settings import Doc, NotNegative, Positive, Settings
+from hlp.settings import Count, Doc, NotNegative, Positive, Settings
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,7 @@ class CostSettings(Settings):
         NotNegative, Doc("the coarse pose explains pixels whose depth differs by at most this (D)")
     ] = 30.0
     roi_size: Annotated[
-        int,
-        Ge(1),
+        Count,
         Le(2048),
         Unit("px"),
         Doc("long side of the compared region, which is never enlarged (D)"),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Le
 from jaxtyping import Float, Float32
 
 from hlp.arrays import CameraMatrix, Points, Poses, Values
@@ -34,7 +34,7 @@ class IcpSettings(Settings):
 
     name: Literal["icp"] = "icp"
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    iterations: Annotated[int, Ge(1), Le(10_000), Doc("number of iterations (D)")] = 20
+    iterations: Annotated[Count, Le(10_000), Doc("number of iterations (D)")] = 20
     points: Annotated[Count, Doc("number of points on the model's surface (D)")] = 500
     max_correspondence_mm: Annotated[
         Positive, Doc("pairs farther apart are ignored in the first iteration … (D)")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Gt, Le
 from jaxtyping import Float
 
 from hlp.arrays import Point, Pose
@@ -15,7 +15,7 @@ from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import REFINERS, IsHopeless, Refinement, Refiner, cost_around
 from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
 from hlp.refinement.verification import Observation, VerificationSettings
-from hlp.settings import Doc, NotNegative, Settings, SettingsError
+from hlp.settings import Count, Doc, NotNegative, Settings, SettingsError, WholeNumber
 from hlp.threads import ThreadTeam, threads_here
 
 _SECOND_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17  # random streams; hypotheses use 0, 1, …
@@ -29,7 +29,7 @@ class SecondSearchSettings(Settings):
 
     theta_deg: Annotated[NotNegative, Doc("half the side of the box in rotation (D)")] = 3.0
     tau_mm: Annotated[NotNegative, Doc("half the side of the box in translation (D)")] = 3.0
-    patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D)")] = 6
+    patience: Annotated[WholeNumber, Doc("iterations without gain before stopping (D)")] = 6
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class FollowSettings(SecondSearchSettings):
     Chosen on rendered sequences: 25 particles are right as often, up to 20 mm and 10° a frame.
     """
 
-    particles: Annotated[int, Ge(1), Le(10_000), Doc("number of particles (D)")] = 15
+    particles: Annotated[Count, Le(10_000), Doc("number of particles (D)")] = 15
 
 
 @REFINERS.register
@@ -50,7 +50,7 @@ class PsoSettings(Settings):
     name: Literal["pso"] = "pso"
     cost: CostSettings = field(default_factory=CostSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    particles: Annotated[int, Ge(1), Le(10_000), Doc("number of particles (P: N = 25)")] = 25
+    particles: Annotated[Count, Le(10_000), Doc("number of particles (P: N = 25)")] = 25
     theta_deg: Annotated[NotNegative, Doc("θ, half the box in rotation (D; P: 5)")] = 10.0
     tau_mm: Annotated[NotNegative, Doc("τ, half the box in translation (D; P: 5)")] = 10.0
     phi_1: Annotated[
@@ -59,8 +59,8 @@ class PsoSettings(Settings):
     phi_2: Annotated[
         NotNegative, Doc("pull to the global best; phi_1 + phi_2 must be above 4 (D)")
     ] = 1.3
-    iterations: Annotated[int, Ge(0), Le(10_000), Doc("largest number of iterations (D)")] = 30
-    patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D; P: 1)")] = 6
+    iterations: Annotated[WholeNumber, Le(10_000), Doc("largest number of iterations (D)")] = 30
+    patience: Annotated[WholeNumber, Doc("iterations without gain before stopping (D; P: 1)")] = 6
     recentre: Annotated[
         bool, Doc("the box follows the best pose, up to 30° away (D; P: not said, false)")
     ] = True

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Gt, Le, Unit
+from annotated_types import Gt, Le, Unit
 from jaxtyping import Float32, Int8
 
 from hlp.arrays import CameraMatrix, Flags, Image, Mask, Pose, Poses, Rgb, Values
@@ -24,7 +24,7 @@ from hlp.refinement.object_depth import ObjectDepth
 from hlp.refinement.turns import half_turns, turns_about_axis
 from hlp.refinement.verification_kernel import COLOR_OFFSET, SeenImages, Tolerances, sum_evidence
 from hlp.rendering.zbuffer import DIRECTIONS, prepare_mesh
-from hlp.settings import Doc, NotNegative, Positive, Settings
+from hlp.settings import Count, Doc, NotNegative, Positive, Settings
 
 _DRAWN = 500  # depths of objects that are kept: some 20 MB
 _NEAR_DIRECTION = 3  # 16ths of half a turn
@@ -36,8 +36,7 @@ class VerificationSettings(Settings):
     """Cost that ranks coarse poses before refinement and chooses among the refined ones."""
 
     candidates: Annotated[
-        int,
-        Ge(1),
+        Count,
         Le(10_000),
         Doc("largest number of coarse poses that are refined, those of least cost (D)"),
     ] = 16
@@ -89,7 +88,7 @@ class VerificationSettings(Settings):
         NotNegative, Doc("weight of ln(largest support by votes / own support) (D; P: 0)")
     ] = 0.01
     roi_size: Annotated[
-        int, Ge(1), Le(2048), Unit("px"), Doc("long side of the compared region (D)")
+        Count, Le(2048), Unit("px"), Doc("long side of the compared region (D)")
     ] = 64
 
 

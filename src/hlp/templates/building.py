@@ -21,7 +21,7 @@ from hlp.records import ObjectModel
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.surface import surface_and_normals
 from hlp.rendering.views import thomson, turns_in_plane, view_rotations
-from hlp.settings import Doc, NotNegative, Settings
+from hlp.settings import Count, Doc, NotNegative, Settings, Share, WholeNumber
 
 DIRECTIONS = 8
 """Directions of features, of half a turn."""
@@ -41,28 +41,22 @@ _INNER = np.ones((7, 7), np.uint8)  # px around an anchor that must be on the ob
 class TemplateSettings(Settings):
     """Coarse poses by templates of gradient directions (D; not in the paper)."""
 
-    views: Annotated[int, Ge(1), Le(2562), Doc("viewpoints over the whole sphere (D)")] = 42
-    turns: Annotated[int, Ge(1), Le(360), Doc("turns about the optical axis, of 360° (D)")] = 24
+    views: Annotated[Count, Le(2562), Doc("viewpoints over the whole sphere (D)")] = 42
+    turns: Annotated[Count, Le(360), Doc("turns about the optical axis, of 360° (D)")] = 24
     features: Annotated[int, Ge(16), Le(512), Doc("edge points of a template (D)")] = 48
-    step: Annotated[int, Ge(1), Le(64), Unit("px"), Doc("between places in the image (D)")] = 8
+    step: Annotated[Count, Le(64), Unit("px"), Doc("between places in the image (D)")] = 8
     reach: Annotated[
-        int, Ge(0), Le(32), Unit("px"), Doc("distance at which an edge still counts (D)")
+        WholeNumber, Le(32), Unit("px"), Doc("distance at which an edge still counts (D)")
     ] = 4
-    least_match: Annotated[
-        NotNegative, Le(1), Doc("share of features that a template must find (D)")
-    ] = 0.45
+    least_match: Annotated[Share, Doc("share of features that a template must find (D)")] = 0.45
     compared: Annotated[
-        int, Ge(1), Le(10_000), Doc("best matches of which the cost is computed (D)")
+        Count, Le(10_000), Doc("best matches of which the cost is computed (D)")
     ] = 400
-    kept: Annotated[
-        int, Ge(1), Le(10_000), Doc("coarse poses that are handed to the refiner (D)")
-    ] = 32
+    kept: Annotated[Count, Le(10_000), Doc("coarse poses that are handed to the refiner (D)")] = 32
     kept_further: Annotated[
-        int, Ge(0), Le(10_000), Doc("more of them for each further instance (D)")
+        WholeNumber, Le(10_000), Doc("more of them for each further instance (D)")
     ] = 8
-    kept_here: Annotated[
-        int, Ge(1), Le(10_000), Doc("coarse poses that are kept of each place (D)")
-    ] = 8
+    kept_here: Annotated[Count, Le(10_000), Doc("coarse poses that are kept of each place (D)")] = 8
     match_weight: Annotated[
         NotNegative, Doc("weight of the share of features found against the cost (D)")
     ] = 0.4
