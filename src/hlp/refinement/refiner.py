@@ -10,7 +10,7 @@ from hlp.arrays import Flags, Point, Pose, Poses
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier
-from hlp.settings import Registry, Settings
+from hlp.settings import Named, Registry, Settings
 
 _CLEARLY = 0.8  # of a pose's cost: half a turn away from a right one, none costs less (D)
 
@@ -69,12 +69,8 @@ class Refiner(Protocol):
         return self.refine(model, observation, start, seed)[0]
 
 
-class RefinementSettings(Protocol):
+class RefinementSettings(Named, Protocol):
     """Settings of a refiner."""
-
-    @property
-    def name(self) -> str:
-        """The alternative's name."""
 
     @property
     def verification(self) -> VerificationSettings:
