@@ -27,8 +27,6 @@ LENGTHS = np.arange(2, 21, 2) * 1e-3
 _RECALLS = np.linspace(0.0, 1.0, 101)
 _NAMES = ("mssd", "mspd", "mssd_mm")
 
-_Image = tuple[int, int]
-
 
 class _Answers(NamedTuple):
     """Answers for one object in one frame: scores, and for each error's limits the verdicts.
@@ -77,7 +75,7 @@ def average_precision(
     return {"ap": float(means[:2].mean()), **dict(zip(_NAMES, means.tolist(), strict=True))}
 
 
-def _by_image(estimates: Iterable[PoseEstimate]) -> dict[_Image, list[PoseEstimate]]:
+def _by_image(estimates: Iterable[PoseEstimate]) -> dict[tuple[int, int], list[PoseEstimate]]:
     """The answers of each image that count, the surest first."""
     posed = (e for e in estimates if e.pose_cam_obj is not None)
     surest = sorted(posed, key=lambda e: -e.score)

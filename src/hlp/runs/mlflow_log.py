@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hlp.data.dataset import frames_identity
 from hlp.files import MANIFEST, SCORES, remove_unfinished
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
@@ -80,7 +79,7 @@ def _log_inputs(run: "Run", tracker: MlflowRun) -> None:
     photographs = str(dataset.photographs or "procedural")
     tracker.log_input("photographs", dataset.photographs_identity, photographs, "training")
     if dataset.background_frames is not None:
-        digest = frames_identity(dataset.background_frames)
+        digest = dataset.background_frames.identity()
         tracker.log_input("background frames", digest, where, "training")
 
 
