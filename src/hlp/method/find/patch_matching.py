@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hlp.arrays import Features, Pixels
+from hlp.arrays import Features, Pixels, grouped
 from hlp.codebook.neighbours import is_joint
 from hlp.method.find.trace import Observer, nobody
 from hlp.method.settings import CoarseStage, FindSettings
@@ -157,10 +157,8 @@ class FrameMatches:
 
     def share(self, pixels: Mapping[int, Pixels]) -> None:
         """Match the patches at the pixels (x, y) that objects need, by object; each patch once."""
-        needed: dict[SearchGroup, list[Pixels]] = {}
-        for object_id, own in pixels.items():
-            needed.setdefault(self._matching.group(object_id), []).append(own)
-        for group, parts in needed.items():
+        for group, object_ids in grouped(pixels, self._matching.group).items():
+            parts = [pixels[object_id] for object_id in object_ids]
             self._looked_up_once(group, np.unique(np.concatenate(parts), axis=0))
 
     def match(self, object_id: int, pixels: Pixels) -> tuple[LocalPatches, Matches]:
