@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
 
+from composed_settings import run_settings
 from hlp.commands.composing import config_folder
-from hlp.config.build import build_settings
 from hlp.reporting.experiments import describe_reports, reports_of, write_reports
 from hlp.reporting.paper_reports import TABLES, TRENDS, object_recalls_table, trend_tables
 from hlp.reporting.results import Result
@@ -97,15 +97,10 @@ def test_the_experiment_is_named_as_its_file_and_sweeps_what_it_shows(name: str)
 
 def test_one_key_moves_both_sides_of_the_box() -> None:
     """Another pair is a matter of the other key beside it."""
-    with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        for given, box in (
-            ([], (2, 2)),
-            (["method=paper"], (2, 2)),
-            (["refinement.tau_mm=7"], (2, 7)),
-        ):
-            overrides = ["experiment=fig9c", "output=out", "refinement.theta_deg=2", *given]
-            settings = build_settings(compose("config", overrides=overrides)).refinement
-            assert (settings.theta_deg, settings.tau_mm) == box
+    for given, box in (([], (2, 2)), (["method=paper"], (2, 2)), (["refinement.tau_mm=7"], (2, 7))):
+        overrides = ["experiment=fig9c", "refinement.theta_deg=2", *given]
+        settings = run_settings(*overrides).refinement
+        assert (settings.theta_deg, settings.tau_mm) == box
 
 
 def trained(length: int, add: float = 0.5, ms: float = 9.0) -> Result:

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from composed_settings import run_settings
 from fake_detection import FakeEstimator, method_settings
 from hlp import fingerprints
-from hlp.config.build import build_settings
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
@@ -46,13 +46,7 @@ def fake():
 
 @pytest.fixture(scope="module")
 def dataset():
-    from hydra import compose, initialize_config_dir
-
-    from hlp.commands.composing import config_folder
-
-    with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        config = compose("config", overrides=["output=out"])
-        built = build_settings(config).data.build()
+    built = run_settings().data.build()
     some = {i: built.models[i] for i in sorted(built.models)[:2]}
     return dataclasses.replace(built, models=some, target_ids=tuple(some))
 

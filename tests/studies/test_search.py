@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hydra import compose, initialize_config_dir
 
-from hlp.commands.composing import config_folder
+from hlp.commands.composing import compose_config
 from hlp.config.build import Run, build_run
 from hlp.errors import DataError
 from hlp.records import TargetScore
@@ -36,8 +35,7 @@ def start(tmp_path: Path) -> Callable[..., dict[str, Any]]:
 
     def call(output: str, *overrides: str) -> dict[str, Any]:
         given = (*SMALL, f"work={tmp_path / 'work'}", f"output={output}", *overrides)
-        with initialize_config_dir(str(config_folder()), version_base="1.3"):
-            run = build_run(compose("config", overrides=list(given)))
+        run = build_run(compose_config(*given))
         assert isinstance(run.settings.task, SearchSettings)
         run.settings.task.run(run, tmp_path / output)
         result: dict[str, Any] = json.loads((tmp_path / output / "search.json").read_text())
