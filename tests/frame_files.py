@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.records import CameraImage, Frame, Target
@@ -23,6 +24,28 @@ def write_image(
     cv2.imwrite(str(paths["rgb"]), image.rgb[..., ::-1])
     cv2.imwrite(str(paths["depth"]), np.rint(image.depth * units).astype(np.uint16))
     return {kind: str(path) for kind, path in paths.items()}
+
+
+def write_flat(
+    folder: Path, name: str, color: ArrayLike, depth: int, shape: tuple[int, int] = (30, 40)
+) -> None:
+    """Images of one colour (RGB) and one raw depth: rgb/NAME, and depth/ as a PNG of its stem."""
+    rgb = np.full((*shape, 3), color, np.uint8)
+    paths = folder / "rgb" / name, (folder / "depth" / name).with_suffix(".png")
+    for path, pixels in zip(paths, (rgb[..., ::-1], np.full(shape, depth, np.uint16)), strict=True):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), pixels)
+
+
+def write_dpt(path: Path, raw: np.ndarray) -> None:
+    """Depth as LINEMOD has it: rows and columns, then the values."""
+    path.write_bytes(np.array(raw.shape, "<i4").tobytes() + raw.astype("<u2").tobytes())
+
+
+def write_rows(path: Path, matrix: np.ndarray) -> None:
+    """A matrix as LINEMOD has it: columns and rows, then the values."""
+    rows = [" ".join(f"{value:.6f}" for value in row) for row in matrix]
+    path.write_text("\n".join([f"{matrix.shape[1]} {matrix.shape[0]}", *rows, ""]))
 
 
 def write_camera(folder: Path, frame: Frame, units: float = 1000.0) -> None:

@@ -1,13 +1,13 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
 from bop_folder import write_models
 from composed_settings import run_settings
+from frame_files import write_flat
 from hlp.arrays import spread
 from hlp.commands.composing import compose_config
 from hlp.config import build
@@ -238,9 +238,7 @@ def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path, 
     with pytest.raises(ValueError, match=r"^encoder=cae .* set data\.rgbd_frames to a folder$"):
         build_run(config)
     frames = tmp_path / "frames"
-    for kind in ("rgb", "depth"):
-        (frames / kind).mkdir(parents=True)
-        cv2.imwrite(str(frames / kind / "000001.png"), np.zeros((8, 8), np.uint16))
+    write_flat(frames, "000001.png", 0, 0, (8, 8))
     (frames / "camera.json").touch()
     config.data.rgbd_frames = str(frames)
     assert build_run(config).dataset.encoder_frames is not None

@@ -2,21 +2,17 @@
 
 import json
 
-import cv2
 import numpy as np
 import pytest
 
+from frame_files import write_flat
 from hlp.data.file_frames import RgbdFrames
 
 
 @pytest.fixture
 def root(tmp_path):
-    for kind in ("rgb", "depth"):
-        (tmp_path / kind).mkdir()
     for number, name in enumerate(("room-b.png", "room-a.jpg")):
-        cv2.imwrite(str(tmp_path / "rgb" / name), np.full((30, 40, 3), 50 + number, np.uint8))
-        depth = np.full((30, 40), 2000 + number, np.uint16)
-        cv2.imwrite(str(tmp_path / "depth" / f"{name[:-4]}.png"), depth)
+        write_flat(tmp_path, name, 50 + number, 2000 + number)
     camera = {"cam_K": [500, 0, 20, 0, 500, 15, 0, 0, 1], "depth_scale": 0.5}
     (tmp_path / "camera.json").write_text(json.dumps(camera))
     return tmp_path

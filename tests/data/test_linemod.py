@@ -10,6 +10,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from bad_input import Case, check, of_file
+from frame_files import write_dpt, write_rows
 from hlp.data.file_frames import read_numbers
 from hlp.data.images import read_raw_depth
 from hlp.data.linemod import LinemodFrames, LinemodSettings
@@ -18,15 +19,6 @@ from hlp.objects.object_model import ObjectSettings
 K = np.array([[572.4, 0, 40], [0, 573.6, 30], [0, 0, 1]])
 TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix()
 NAMES = {1: "ape", 6: "cat"}
-
-
-def _write_dpt(path, raw):
-    path.write_bytes(np.array(raw.shape, "<i4").tobytes() + raw.astype("<u2").tobytes())
-
-
-def _write_matrix(path, matrix):
-    rows = [" ".join(f"{value:.6f}" for value in row) for row in matrix]
-    path.write_text("\n".join([f"{matrix.shape[1]} {matrix.shape[0]}", *rows, ""]))
 
 
 @pytest.fixture
@@ -39,9 +31,9 @@ def root(tmp_path):
         for number in numbers:
             color = np.full((60, 80, 3), number * 10 + 5, np.uint8)
             cv2.imwrite(str(data / f"color{number}.jpg"), color)
-            _write_dpt(data / f"depth{number}.dpt", np.full((60, 80), 1000 + number))
-            _write_matrix(data / f"rot{number}.rot", TURN)
-            _write_matrix(data / f"tra{number}.tra", np.array([[1.0], [-2.0], [100.0 + number]]))
+            write_dpt(data / f"depth{number}.dpt", np.full((60, 80), 1000 + number))
+            write_rows(data / f"rot{number}.rot", TURN)
+            write_rows(data / f"tra{number}.tra", np.array([[1.0], [-2.0], [100.0 + number]]))
     return tmp_path
 
 
@@ -73,7 +65,7 @@ def test_models_come_from_each_objects_folder(root):
     key = "000006_000000"
     dataset.frames.check(key, models)
     assert [object_id for object_id, _ in dataset.frames.stated_targets(key)] == [6]
-    _write_matrix(root / "cat/data/tra0.tra", np.array([[0.01], [-0.02], [1.0]]))
+    write_rows(root / "cat/data/tra0.tra", np.array([[0.01], [-0.02], [1.0]]))
     with pytest.raises(ValueError, match=r"tra0\.tra .*translations are in centimetres"):
         dataset.frames.check(key, models)
 
@@ -82,7 +74,7 @@ def test_identity_changes_with_content_and_intrinsics(root):
     before = LinemodFrames(root, NAMES, K).identity()
     assert LinemodFrames(root, NAMES, K).identity() == before
     assert LinemodFrames(root, NAMES, K + 1.0).identity() != before
-    _write_matrix(root / "cat/data/tra0.tra", np.array([[1.0], [-2.0], [100.5]]))
+    write_rows(root / "cat/data/tra0.tra", np.array([[1.0], [-2.0], [100.5]]))
     assert LinemodFrames(root, NAMES, K).identity() != before
 
 
@@ -97,7 +89,7 @@ def test_absent_files_are_named(root):
         _ = LinemodFrames(root, {9: "duck"}, K).keys
     with pytest.raises(KeyError, match="000001_000007"):
         LinemodFrames(root, NAMES, K).load("000001_000007")
-    _write_dpt(root / "ape/data/depth2.dpt", np.zeros((60, 80)))
+    write_dpt(root / "ape/data/depth2.dpt", np.zeros((60, 80)))
     with pytest.raises(ValueError, match=r"depth2\.dpt has no depth"):
         LinemodFrames(root, NAMES, K).load("000001_000002")
     with pytest.raises(ValueError, match=r"data\.camera_matrix"):
@@ -107,7 +99,7 @@ def test_absent_files_are_named(root):
 
 def test_depth_keeps_rows_and_columns_apart(tmp_path):
     raw = np.arange(12).reshape(3, 4)
-    _write_dpt(tmp_path / "a.dpt", raw)
+    write_dpt(tmp_path / "a.dpt", raw)
     np.testing.assert_array_equal(read_raw_depth(tmp_path / "a.dpt"), raw)
 
 

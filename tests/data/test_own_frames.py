@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
+from frame_files import write_flat
 from hlp.data.frame_paths import FramePaths
 from hlp.data.own_frames import FrameFiles, OwnFrames, SearchMasks
 
@@ -14,13 +15,8 @@ MATRIX = [500, 0, 20, 0, 501, 15, 0, 0, 1]
 
 @pytest.fixture
 def root(tmp_path):
-    for kind in ("rgb", "depth"):
-        (tmp_path / kind).mkdir()
-    for number, stem in enumerate(("b", "a")):
-        color = np.full((30, 40, 3), 50 + number, np.uint8)
-        cv2.imwrite(str(tmp_path / "rgb" / f"{stem}.jpg"), color)
-        depth = np.full((30, 40), 2000 + number, np.uint16)
-        cv2.imwrite(str(tmp_path / "depth" / f"{stem}.png"), depth)
+    for number, name in enumerate(("b.jpg", "a.jpg")):
+        write_flat(tmp_path, name, 50 + number, 2000 + number)
     return tmp_path
 
 

@@ -1,11 +1,11 @@
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from frame_files import write_flat
 from hlp.data.dataset import find_bad_frames
 from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames
@@ -26,13 +26,9 @@ def pose(number):
 @pytest.fixture
 def root(tmp_path):
     """Images named by time, poses by number, as in the published sequences; a mesh beside them."""
-    for name in ("rgb", "depth", "annotated_poses"):
-        (tmp_path / name).mkdir()
+    (tmp_path / "annotated_poses").mkdir()
     for number, stamp in enumerate(STAMPS):
-        color = np.full((30, 40, 3), (0, 0, 100 + number), np.uint8)
-        cv2.imwrite(str(tmp_path / "rgb" / f"{stamp}.png"), color)
-        depth = np.full((30, 40), 600 + number, np.uint16)
-        cv2.imwrite(str(tmp_path / "depth" / f"{stamp}.png"), depth)
+        write_flat(tmp_path, f"{stamp}.png", (100 + number, 0, 0), 600 + number)
         np.savetxt(tmp_path / "annotated_poses" / f"{number:07d}.txt", pose(number))
     np.savetxt(tmp_path / "cam_K.txt", K)
     trimesh.creation.box((0.05, 0.1, 0.2)).export(tmp_path / "box.ply")

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from frame_files import write_dpt, write_image, write_rows
 from hlp.records import Frame, ObjectModel
 from tiny_method import export_mesh
 
@@ -17,22 +18,17 @@ def write_linemod(root: Path, model: ObjectModel, frames: Sequence[Frame]) -> No
     export_mesh(data.parent / "mesh.ply", model)
     for number, frame in enumerate(frames):
         cv2.imwrite(str(data / f"color{number}.jpg"), frame.rgb[..., ::-1])
-        raw = np.rint(frame.depth * 1000).astype("<u2")
-        shape = np.array(raw.shape, "<i4")
-        (data / f"depth{number}.dpt").write_bytes(shape.tobytes() + raw.tobytes())
+        write_dpt(data / f"depth{number}.dpt", np.rint(frame.depth * 1000))
         pose = pose_of(model, frame)
-        _write_rows(data / f"rot{number}.rot", pose[:3, :3])
-        _write_rows(data / f"tra{number}.tra", pose[:3, 3:] * 100.0)
+        write_rows(data / f"rot{number}.rot", pose[:3, :3])
+        write_rows(data / f"tra{number}.tra", pose[:3, 3:] * 100.0)
 
 
 def write_ycbineoat(root: Path, model: ObjectModel, frames: Sequence[Frame]) -> None:
     """Colour, depth in millimetres, poses in metres and the camera."""
-    for name in ("rgb", "depth", "annotated_poses"):
-        (root / name).mkdir(parents=True)
+    (root / "annotated_poses").mkdir(parents=True)
     for number, frame in enumerate(frames):
-        cv2.imwrite(str(root / "rgb" / f"{number:07d}.png"), frame.rgb[..., ::-1])
-        raw = np.rint(frame.depth * 1000).astype(np.uint16)
-        cv2.imwrite(str(root / "depth" / f"{number:07d}.png"), raw)
+        write_image(root, f"{number:07d}", frame)
         np.savetxt(root / "annotated_poses" / f"{number:07d}.txt", pose_of(model, frame))
         np.savetxt(root / "cam_K.txt", frame.camera_matrix)
 
@@ -40,8 +36,3 @@ def write_ycbineoat(root: Path, model: ObjectModel, frames: Sequence[Frame]) -> 
 def pose_of(model: ObjectModel, frame: Frame) -> np.ndarray:
     """The pose of the first instance."""
     return next(x.pose_cam_obj for x in frame.targets if x.object_id == model.object_id)
-
-
-def _write_rows(path: Path, matrix: np.ndarray) -> None:
-    rows = [" ".join(f"{value:.6f}" for value in row) for row in matrix]
-    path.write_text("\n".join([f"{matrix.shape[1]} {matrix.shape[0]}", *rows, ""]))

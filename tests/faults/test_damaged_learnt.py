@@ -3,12 +3,11 @@
 import shutil
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from damage import damage
 from forked_hlp import run_hlp
+from frame_files import write_flat
 
 pytestmark = pytest.mark.slow
 
@@ -27,12 +26,8 @@ def files(folder):
 @pytest.mark.parametrize("name", ["learnt.json", "classifier/classifier.onnx"])
 def test_no_command_uses_damaged_objects(copy, name):
     damage([copy / name], "flipped")
-    (copy.parent / "rgb").mkdir()
-    (copy.parent / "depth").mkdir()
     for number in range(2):  # several, so that a frame that fails would cost itself alone
-        cv2.imwrite(str(copy.parent / "rgb" / f"{number}.png"), np.full((48, 64, 3), 90, np.uint8))
-        depth = np.full((48, 64), 700, np.uint16)
-        cv2.imwrite(str(copy.parent / "depth" / f"{number}.png"), depth)
+        write_flat(copy.parent, f"{number}.png", 90, 700, (48, 64))
     commands = (
         ("live", "source=folder", "learnt=learnt", "idle_s=1", *FRAMES),
         ("objects", "register", "learnt", "model", "uri=sqlite:///mlflow.db"),

@@ -7,11 +7,11 @@ import re
 import threading
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from frame_files import write_flat
 from hlp.checks import Finding, known_objects
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
@@ -47,11 +47,8 @@ def detector(tmp_path):
 
 
 def frames(folder, broken=(), count=3, scale=1.0):
-    for name in ("rgb", "depth"):
-        (folder / name).mkdir(parents=True)
     for i in range(count):
-        cv2.imwrite(str(folder / f"rgb/{i}.png"), np.zeros((24, 32, 3), np.uint8))
-        cv2.imwrite(str(folder / f"depth/{i}.png"), np.full((24, 32), 700, np.uint16))
+        write_flat(folder, f"{i}.png", 0, 700, (24, 32))
     for i in broken:
         (folder / f"depth/{i}.png").write_bytes(b"no image")
     rgb, depth = str(folder / "rgb"), str(folder / "depth")
