@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -49,16 +49,6 @@ def seen(folder: Path) -> Any:
     return json.loads((folder / "seen.json").read_text())
 
 
-def fails(words: list[str], capsys: Said, code: int = 1) -> str:
-    """What `hlp` says on standard error."""
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    assert ended.value.code == code
-    said = capsys.readouterr().err
-    assert said.startswith("hlp: ") and "Traceback" not in said
-    return said
-
-
 def test_the_package_is_the_command_line_too() -> None:
     code = (
         "import runpy, sys; sys.argv[1:] = ['--version']; runpy.run_module('hlp', None, '__main__')"
@@ -72,8 +62,11 @@ def test_a_bare_command_lists_the_commands_and_an_unknown_one_is_named(capsys: S
     assert "\n  run " in usage and "\n  report " in usage
     main(["--help"])
     assert capsys.readouterr().out == usage
-    said = fails(["rnu"], capsys, 2)
-    assert "no command 'rnu': did you mean run?" in said and usage.strip() in said
+    with pytest.raises(SystemExit) as ended:
+        main(["rnu"])
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and usage.strip() in said and "Traceback" not in said
+    assert said.startswith("hlp: there is no command 'rnu': did you mean run?\n")
 
 
 def test_the_default_run_is_the_demo(folder: Path, capsys: Said) -> None:
@@ -175,6 +168,7 @@ def test_a_bug_keeps_its_traceback(folder: Path) -> None:
     ],
 )
 def test_what_cannot_be_reported_or_compared_is_named(
-    command: str, words: str, folder: Path, capsys: Said
+    command: str, words: str, folder: Path, fails: Callable[..., str]
 ) -> None:
-    assert words in fails(command.split(), capsys)
+    said = fails(*command.split())
+    assert said.startswith("hlp: ") and words in said

@@ -243,11 +243,8 @@ def test_a_hostile_archive_leaves_no_folder(hub, tmp_path):
         (["lm", "folder=x"], "folder is not a key of `hlp download`"),
     ],
 )
-def test_wrong_arguments_are_one_line(arguments, message, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        main(["download", *arguments])
-    assert stopped.value.code == 1
-    assert message in capsys.readouterr().err
+def test_wrong_arguments_are_one_line(arguments, message, fails):
+    assert message in fails("download", *arguments)
 
 
 def test_help_lists_all_sets_and_every_archive_has_an_address(capsys):

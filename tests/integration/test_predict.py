@@ -12,7 +12,6 @@ from composed_settings import run_settings
 from forked_hlp import run_hlp, succeed
 from frame_files import write_camera, write_image
 from hlp import Detector
-from hlp.cli import main
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
@@ -172,13 +171,10 @@ def test_learnt_objects_are_used_by_name_and_by_path(own, first):
         ),
     ],
 )
-def test_what_is_wrong_is_said_before_anything_is_learnt(own, words, said, monkeypatch, capsys):
+def test_what_is_wrong_is_said_before_anything_is_learnt(own, words, said, monkeypatch, fails):
     monkeypatch.chdir(own.folder)
-    with pytest.raises(SystemExit) as ended:
-        main([*words, "work=work"])
-    error = capsys.readouterr().err
-    assert ended.value.code == 1
-    assert error.startswith("hlp: ") and said in error
+    error = fails(*words, "work=work")
+    assert error.startswith("hlp: ") and said in f"{error}\n"
     assert not (own.folder / "never").exists()
 
 
