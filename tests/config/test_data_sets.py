@@ -1,23 +1,14 @@
 import pytest
 from omegaconf import OmegaConf
 
+from composed_settings import run_settings
 from hlp.commands.composing import compose_config
-from hlp.data.bop import BopSettings
 from hlp.rendering.views import ViewsSettings
 from hlp.settings import read_settings
 
 
-def _compose(group, alternative, *overrides):
-    return compose_config(f"{group}={alternative}", *overrides)[group]
-
-
-def _typed(settings, node):
-    values = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
-    return read_settings(settings, values)
-
-
 def test_the_board_becomes_typed_settings():
-    settings = _typed(BopSettings, _compose("data", "linemod_bop", "data.root=lm"))
+    settings = run_settings("data=linemod_bop", "data.root=lm").data
     assert settings.name == "bop"
     assert settings.photographs == "lm/../photos"
     assert len(settings.objects) == 15
@@ -28,15 +19,15 @@ def test_the_board_becomes_typed_settings():
 
 def test_an_objects_size_can_be_swept_and_an_object_left_out():
     overrides = ["data.root=lm", "data.objects.cat.local_size_mm=60", "~data.objects.ape"]
-    settings = _typed(BopSettings, _compose("data", "linemod_bop", *overrides))
+    settings = run_settings("data=linemod_bop", *overrides).data
     assert settings.objects["cat"].local_size_mm == 60.0
     assert "ape" not in settings.objects
     overrides = ["data.root=lm", "data.only=[can,ape]"]
-    assert _typed(BopSettings, _compose("data", "linemod_bop", *overrides)).only == ("can", "ape")
+    assert run_settings("data=linemod_bop", *overrides).data.only == ("can", "ape")
 
 
 def _choices(*overrides):
-    config = compose_config(*overrides, "data.root=lm")
+    config = run_settings(*overrides, "data.root=lm")
     return config.evaluation.name, config.rendering.coverage, config.rendering.in_plane_max_deg
 
 
@@ -48,11 +39,11 @@ def test_linemod_has_its_range_of_poses_and_its_symmetric_objects(data):
 
 
 def test_any_bop_set_has_the_default_range_and_the_symmetries_of_its_models():
-    settings = _typed(BopSettings, _compose("data", "bop", "data.root=lm"))
+    run = run_settings("data=bop", "data.root=lm")
+    settings = run.data
     assert (settings.split, settings.targets, dict(settings.objects)) == ("auto", "auto", {})
-    assert compose_config("data=bop", "data.root=lm").evaluation.symmetric is None
-    views = compose_config("data=bop", "data.root=lm").rendering
-    assert _typed(ViewsSettings, views) == ViewsSettings()
+    assert run.evaluation.symmetric is None
+    assert run.rendering == ViewsSettings()
 
 
 def test_the_recordings_differ_by_folder_and_range_of_poses_alone():
@@ -66,7 +57,7 @@ def test_the_recordings_differ_by_folder_and_range_of_poses_alone():
     assert folders == [f"${{data_folder}}/{name}" for name in ("lm", *names)]
     assert {config["data"]["empty"] for config in (board, *others)} == {"${data_folder}/tables"}
     for config in others:
-        assert _typed(ViewsSettings, OmegaConf.create(config.pop("rendering"))) == ViewsSettings()
+        assert read_settings(ViewsSettings, config.pop("rendering")) == ViewsSettings()
     assert board.pop("rendering")["coverage"] == "hemisphere"
     # What counts as right on LINEMOD's board is its literature's.
     assert board.pop("evaluation")["symmetric"] == [f"obj_{i:06d}" for i in (3, 7, 10, 11)]
