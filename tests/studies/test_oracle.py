@@ -4,6 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hlp.evaluation import EvaluationSettings
 from hlp.geometry import rigid
 from hlp.method.find.trace import ObjectTrace
 from hlp.records import Hypotheses, Region, Target, TargetScore
@@ -11,10 +12,7 @@ from hlp.studies import oracle
 from hlp.studies.oracle import CELLS, summarise_oracle
 
 NAMES = {1: "cat", 2: "cup"}
-
-
-class Policy:
-    bootstrap = 200
+POLICY = EvaluationSettings(bootstrap=200)
 
 
 def score(frame, object_id, right):
@@ -38,7 +36,7 @@ RIGHT = {
 
 def test_the_matrix_counts_right_poses_and_what_the_stages_lost_which_is_all_misses():
     assert set(CELLS) == set(RIGHT)
-    result = summarise_oracle({c: scores(*RIGHT[c]) for c in CELLS}, NAMES, Policy, 0)
+    result = summarise_oracle({c: scores(*RIGHT[c]) for c in CELLS}, NAMES, POLICY, 0)
     assert [(cell["region"], cell["coarse"]) for cell in result["cells"]] == list(CELLS)
     for cell in result["cells"]:
         cat, cup = RIGHT[cell["region"], cell["coarse"]]
