@@ -17,9 +17,7 @@ SETTINGS = method_settings()
 def task_of(work, classifier):
     """A task of a run whose classifier has this fingerprint; all else is the same."""
     learnt = {("classifier", 0): Output(classifier, work / "classifier" / classifier)}
-    data = DATA
-    made_from = what_makes(fake_dataset())
-    worker = Worker(data, SETTINGS, work, made_from, learnt)
+    worker = Worker(DATA, SETTINGS, work, what_makes(fake_dataset()), learnt)
     return partial(worker.find, {"regions": work}, ("regions",))
 
 
