@@ -43,9 +43,11 @@ from hlp.registry import Registry as Registry
 T = TypeVar("T")
 
 Count = Annotated[int, Ge(1)]
+CountOrNone = Annotated[int | None, Ge(1)]
 WholeNumber = Annotated[int, Ge(0)]
 NotNegative = Annotated[float, Ge(0)]
 Positive = Annotated[float, Gt(0)]
+PositiveOrNone = Annotated[float | None, Gt(0)]
 Share = Annotated[float, Interval(ge=0, le=1)]
 _MISSING = dataclasses.MISSING
 _LONGEST = 60  # characters of a value or of a list of keys that a message shows

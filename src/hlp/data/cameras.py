@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
-from annotated_types import Gt, Le
+from annotated_types import Le
 
 from hlp.data.frame_paths import FramePaths, is_pattern, pairs_so_far
 from hlp.data.own_frames import CameraSettings, FrameFiles, FrameReader
 from hlp.errors import DataError, HlpError, InputError, MissingDependencyError, MissingFileError
 from hlp.files import expanded
 from hlp.records import CameraImage
-from hlp.settings import Count, Doc, Settings, shown
+from hlp.settings import Count, Doc, PositiveOrNone, Settings, shown
 
 _FORM = 'a line must be {"rgb": FILE, "depth": FILE}, with "name" and "captured" as you like'
 _LATEST = 1e12  # s since 1970; in ms they are more
@@ -125,7 +125,7 @@ class FolderSettings(FrameFiles):
     """Two folders or patterns, of colour and of depth images, that are followed."""
 
     idle_s: Annotated[
-        float | None, Gt(0), Doc("end after this time without a new image; null: never")
+        PositiveOrNone, Doc("end after this time without a new image; null: never")
     ] = None
     newest: Annotated[
         bool, Doc("of several new images take the last one; false: each of them, in order")

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt
 from jaxtyping import Float
 
 from hlp.arrays import Image, Mask, Rgb
@@ -18,7 +17,7 @@ from hlp.data.frame_paths import FramePaths, VideoFrames, list_images, pair_fram
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.records import Frame, frame_key, parse_frame_key
 from hlp.schemas import require_depths
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, PositiveOrNone, Settings
 
 _SCENE_ID = 0
 _EXAMPLES = 9  # images that are looked at for the unit of depth
@@ -34,8 +33,7 @@ class CameraSettings(Settings):
         Doc("file of the colour camera's intrinsics, or [fx,fy,cx,cy] (px); see `read_camera`"),
     ]
     depth_scale: Annotated[
-        float | None,
-        Gt(0),
+        PositiveOrNone,
         Doc("mm per unit of the depth images; null: the intrinsics file's, else guessed"),
     ] = None
     depth_intrinsics: Annotated[
@@ -43,8 +41,7 @@ class CameraSettings(Settings):
         Doc("the depth camera's intrinsics where depth has another size; null: the same camera"),
     ] = None
     depth_resize: Annotated[
-        float | None,
-        Gt(0),
+        PositiveOrNone,
         Doc("colour pixels per depth pixel where depth is the same view at another size"),
     ] = None
     undistort: Annotated[

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Gt
 
 from hlp.arrays import Pose
 from hlp.data.camera_files import read_camera
@@ -29,7 +28,7 @@ from hlp.geometry import rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model
 from hlp.records import Target, frame_key
 from hlp.schemas import exact_rotation
-from hlp.settings import Doc, Positive
+from hlp.settings import Doc, Positive, PositiveOrNone
 
 _OBJECT_ID = 1
 _SCENE_ID = 0
@@ -49,7 +48,7 @@ class YcbineoatSettings(FolderSettings):
     mesh: Annotated[str, Doc("the object's mesh")]
     object: Annotated[str | None, Doc("the object's name; null: that of the mesh")] = None
     mesh_scale: Annotated[
-        float | None, Gt(0), Doc("metres per unit of the mesh; null: guessed from its size")
+        PositiveOrNone, Doc("metres per unit of the mesh; null: guessed from its size")
     ] = None
     depth_scale: Annotated[Positive, Doc("mm per unit of the depth images")] = 1.0
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, Self
 
-from annotated_types import Ge, Le
+from annotated_types import Le
 
 from hlp.codebook.entries import EntrySettings
 from hlp.codebook.inverted_lists import InvertedListsSettings
@@ -21,7 +21,7 @@ from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.rendering.views import ViewsSettings
-from hlp.settings import Count, Doc, Settings, SettingsError, Share, WholeNumber
+from hlp.settings import Count, CountOrNone, Doc, Settings, SettingsError, Share, WholeNumber
 from hlp.templates.building import TemplateSettings
 from hlp.voting.modes import VOTINGS, JointVotingSettings, VotingSettings
 
@@ -162,8 +162,7 @@ class TrackingSettings(Settings):
         ),
     ] = MIN_SCORE
     search_every: Annotated[
-        int | None,
-        Ge(1),
+        CountOrNone,
         Doc(
             "frames between two searches for more instances of an object that is tracked; "
             "null: none. An object that is not tracked is searched in every frame (D)"

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, Le
+from annotated_types import Interval, Le
 from jaxtyping import Float, UInt8
 
 from hlp.models.network import Network
-from hlp.settings import Count, Doc, NotNegative, Settings, WholeNumber
+from hlp.settings import Count, CountOrNone, Doc, NotNegative, Settings, WholeNumber
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
@@ -41,8 +41,7 @@ class ClassifierSettings(Settings):
         WholeNumber, Doc("least number of batches: with few objects, epochs are added (D)")
     ] = 150
     prior_objects: Annotated[
-        int | None,
-        Ge(1),
+        CountOrNone,
         Doc(
             "background is taken to be as likely as if at least this many objects were learnt; "
             "null: as in training (D)"

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt
 
 from hlp.arrays import Points, Poses
 from hlp.errors import ConfigError
@@ -20,7 +19,7 @@ from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh, ObjectModel
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.views import thomson, view_rotations
-from hlp.settings import Doc, Settings, WholeNumber
+from hlp.settings import Doc, PositiveOrNone, Settings, WholeNumber
 
 _VIEWS = 12  # in which a mesh and its decimated one are compared
 _SIDE, _OBJECT = 112, 96  # px, of the image and of the diameter in it
@@ -38,10 +37,10 @@ class ObjectSettings(Settings):
 
     id: Annotated[WholeNumber, Doc("id of the object in the data set")]
     holistic_size_mm: Annotated[
-        float | None, Gt(0), Doc("side of its windows; null: computed from its mesh")
+        PositiveOrNone, Doc("side of its windows; null: computed from its mesh")
     ] = None
     local_size_mm: Annotated[
-        float | None, Gt(0), Doc("side of its local patches; null: computed from its mesh")
+        PositiveOrNone, Doc("side of its local patches; null: computed from its mesh")
     ] = None
 
 

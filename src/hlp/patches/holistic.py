@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Gt, Interval, Le, Unit
+from annotated_types import Interval, Le, Unit
 from jaxtyping import Float
 
 from hlp.arrays import (
@@ -22,7 +22,7 @@ from hlp.arrays import (
 )
 from hlp.patches.sampling import sample_squares
 from hlp.records import Region
-from hlp.settings import Count, Doc, Settings, WholeNumber
+from hlp.settings import Count, Doc, PositiveOrNone, Settings, WholeNumber
 
 _MIN_WEIGHT = 0.01
 _COMPARABLE = 0.1
@@ -66,8 +66,7 @@ class RegionSettings(Settings):
         ),
     ] = 8
     square_side: Annotated[
-        float | None,
-        Gt(0),
+        PositiveOrNone,
         Doc(
             "side, in diameters, of the squares around the windows' centres that make up the "
             "region (D); null: the windows themselves (P)"

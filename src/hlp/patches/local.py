@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt, Interval, Le, Unit
+from annotated_types import Interval, Le, Unit
 from jaxtyping import Float, Float32, UInt8
 
 from hlp.arrays import (
@@ -24,7 +24,7 @@ from hlp.kernels import compiled_ahead
 from hlp.patches.holistic import center_depths, pixel_grid
 from hlp.patches.sampling import sample_squares
 from hlp.records import MILLIMETRE, LocalPatches
-from hlp.settings import Count, Doc, Positive, Settings, Share
+from hlp.settings import Count, Doc, Positive, PositiveOrNone, Settings, Share
 
 _FILL_COLOR = 128  # grey
 _ROUNDS = 8
@@ -49,8 +49,7 @@ class LocalSettings(Settings):
         ),
     ] = True
     size_mm: Annotated[
-        float | None,
-        Gt(0),
+        PositiveOrNone,
         Unit("mm"),
         Doc(
             "side of the local patches of all objects, times `size_scale`: objects of a frame then "

@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt
 
 from hlp.arrays import CameraMatrix, Flags, Point, Points, Positions, Rows, Values
 from hlp.geometry import back_project
 from hlp.patches.holistic import Windows, union_of_squares
 from hlp.records import Region
-from hlp.settings import Count, Doc, Positive, Settings
+from hlp.settings import Count, CountOrNone, Doc, Positive, PositiveOrNone, Settings
 
 _PLANES = 3  # a table, the floor, a wall
 _MAX_DISTANCE = 0.010  # m from a plane, within the noise of a depth camera
@@ -144,8 +143,7 @@ class CloserLookSettings(Settings):
     """How much of a region is searched first, and what if that gave no right pose."""
 
     first_area: Annotated[
-        float | None,
-        Gt(0),
+        PositiveOrNone,
         Doc(
             "a larger region is searched first in the squares of its likeliest windows, up to this "
             "area (squared diameters; times the instances that are looked for, if their number is "
@@ -154,8 +152,7 @@ class CloserLookSettings(Settings):
     ] = 6.0
 
     places: Annotated[
-        int | None,
-        Ge(1),
+        CountOrNone,
         Doc(
             "likeliest places that are searched if no pose is probably right; all likely ones if "
             "the object is known to be there and has colours (D); null: none (P)"

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
-from annotated_types import Gt, Le, Unit
+from annotated_types import Le, Unit
 from jaxtyping import Float32, Int8
 
 from hlp.arrays import CameraMatrix, Flags, Image, Mask, Pose, Poses, Rgb, Values
@@ -24,7 +24,7 @@ from hlp.refinement.object_depth import ObjectDepth
 from hlp.refinement.turns import half_turns, turns_about_axis
 from hlp.refinement.verification_kernel import COLOR_OFFSET, SeenImages, Tolerances, sum_evidence
 from hlp.rendering.zbuffer import DIRECTIONS, prepare_mesh
-from hlp.settings import Count, Doc, NotNegative, Positive, Settings
+from hlp.settings import Count, Doc, NotNegative, Positive, PositiveOrNone, Settings
 
 _DRAWN = 500  # depths of objects that are kept: some 20 MB
 _NEAR_DIRECTION = 3  # 16ths of half a turn
@@ -62,8 +62,7 @@ class VerificationSettings(Settings):
         Positive, Doc("limit of chromaticity differences, |Δr| + |Δg| + |Δb| (D)")
     ] = 0.3
     tau_image_edge_mm: Annotated[
-        float | None,
-        Gt(0),
+        PositiveOrNone,
         Doc(
             "limit of distances to colour edges, of objects without colours; null: depth alone (D)"
         ),

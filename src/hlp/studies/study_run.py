@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Ge
 
 from hlp.config.build import Run
 from hlp.files import MANIFEST, write_json
@@ -19,13 +18,13 @@ from hlp.reporting.page import page_or_log, write_study_page
 from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import begun, say_where
-from hlp.settings import Doc
+from hlp.settings import CountOrNone, Doc
 from hlp.stages.manifest import described, fingerprint
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import has_arrays, write_arrays
 
 FrameCount = Annotated[
-    int | None, Ge(1), Doc("number of frames, spread evenly over the run's; null: all (D)")
+    CountOrNone, Doc("number of frames, spread evenly over the run's; null: all (D)")
 ]
 """How many frames a study looks at."""
 

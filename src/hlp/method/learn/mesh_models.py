@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from annotated_types import Gt
 
 from hlp.errors import InputError
 from hlp.geometry import rigid
@@ -19,7 +18,7 @@ from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.sensor import depth_error
 from hlp.rendering.surface import sample_surface
 from hlp.rendering.views import thomson, view_rotations
-from hlp.settings import Doc, Positive, Settings
+from hlp.settings import Doc, Positive, PositiveOrNone, Settings
 
 _PROXY_FACES = 500  # triangles of the mesh that the refiner renders
 _FOCAL = 572.0  # px, of the depth cameras that most people have
@@ -36,8 +35,7 @@ class MeshChoices(Settings):
     """What is known of the objects beside their meshes. Otherwise it is found and logged."""
 
     mesh_scale: Annotated[
-        float | None,
-        Gt(0),
+        PositiveOrNone,
         Doc("metres per unit of the meshes: 0.001 for millimetres; null: guessed from the size"),
     ] = None
     symmetries: Annotated[
@@ -48,10 +46,10 @@ class MeshChoices(Settings):
         bool, Doc("false: the colours of the meshes are not those of the real objects")
     ] = True
     holistic_size_mm: Annotated[
-        float | None, Gt(0), Doc("side of the windows; null: computed from the mesh")
+        PositiveOrNone, Doc("side of the windows; null: computed from the mesh")
     ] = None
     local_size_mm: Annotated[
-        float | None, Gt(0), Doc("side of the local patches; null: computed from the mesh")
+        PositiveOrNone, Doc("side of the local patches; null: computed from the mesh")
     ] = None
     farthest_mm: Annotated[
         Positive, Doc("largest distance from the camera; for warnings of hard objects alone")
