@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from annotated_types import Interval, Le
+from annotated_types import Le
 
 from hlp.records import ObjectModel
-from hlp.settings import Count, Doc, Positive, Settings
-
-_Part = Annotated[float, Interval(gt=0, le=1)]
+from hlp.settings import Count, Doc, Part, Positive, Settings
 
 
 @dataclass(frozen=True)
@@ -24,11 +22,11 @@ class EvaluationSettings(Settings):
         ),
     ] = None
     add_fraction: Annotated[
-        _Part, Doc("largest mean vertex distance, as a fraction of the diameter (P)")
+        Part, Doc("largest mean vertex distance, as a fraction of the diameter (P)")
     ] = 0.1
     translation_cm: Annotated[Positive, Doc("limit of 5cm5deg (P)")] = 5.0
     rotation_deg: Annotated[Positive, Doc("limit of 5cm5deg (P)")] = 5.0
-    iou: Annotated[_Part, Doc("smallest overlap of the projected boxes (P)")] = 0.5
+    iou: Annotated[Part, Doc("smallest overlap of the projected boxes (P)")] = 0.5
     bootstrap: Annotated[Count, Le(100_000), Doc("resamplings for a 95 % interval (D)")] = 1000
 
     def is_symmetric(self, model: ObjectModel) -> bool:

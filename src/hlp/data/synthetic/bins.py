@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from hlp.arrays import Point, Pose
 from hlp.data.dataset import DATASETS, Dataset
-from hlp.data.synthetic.layout import Item, SceneCount, SceneSettings, between
+from hlp.data.synthetic.layout import Elevation, Item, SceneCount, SceneSettings, between
 from hlp.data.synthetic.objects import shape_model
 from hlp.data.synthetic.scenes import SyntheticScenes, dataset_of
 from hlp.geometry import rigid
@@ -63,10 +63,7 @@ class BinSettings(SceneSettings):
         tuple[Annotated[float, Ge(450)], Annotated[float, Le(3000)]],
         Doc("from the camera to the scene's middle (D)"),
     ] = (500.0, 800.0)
-    elevation_deg: Annotated[
-        tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
-        Doc("angle of the camera above the table (D)"),
-    ] = (50.0, 85.0)
+    elevation_deg: Elevation = (50.0, 85.0)
     tilt_deg: Annotated[NotNegative, Doc("largest lean of a part when it is dropped (D)")] = 25.0
 
     def build(self) -> Dataset:

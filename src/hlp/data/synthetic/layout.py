@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Interval, Le, Unit
+from annotated_types import Ge, Le, Unit
 from jaxtyping import Float
 
 from hlp.arrays import Pose, Positions, Vector
@@ -16,12 +16,16 @@ from hlp.geometry import inverse, rigid
 from hlp.objects.distractors import random_shape, toy_tree
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.shading import Light
-from hlp.settings import Count, Doc, NotNegative, Settings, SettingsError, WholeNumber
+from hlp.settings import Count, Doc, NotNegative, Part, Settings, SettingsError, WholeNumber
 
 GAP = 0.004
 """Least distance (m) between the circles that items occupy on the table."""
 _TRIES = 60
 SceneCount = Annotated[WholeNumber, Le(100_000), Doc("number of scenes, with one frame each (D)")]
+Elevation = Annotated[
+    tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
+    Doc("angle of the camera above the table (D)"),
+]
 
 
 @dataclass(frozen=True)
@@ -51,9 +55,7 @@ class SceneSettings(Settings):
         NotNegative, Le(100), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")
     ] = 1.0
     min_visible: Annotated[
-        float,
-        Interval(gt=0, le=1),
-        Doc("objects with a smaller visible fraction are no targets (D)"),
+        Part, Doc("objects with a smaller visible fraction are no targets (D)")
     ] = 0.3
     objects: Annotated[
         tuple[Count, Annotated[int, Le(8)]],
@@ -67,10 +69,7 @@ class SceneSettings(Settings):
         tuple[Annotated[float, Ge(450)], Annotated[float, Le(3000)]],
         Doc("from the camera to the scene's middle (D: LINEMOD's range)"),
     ] = (600.0, 1100.0)
-    elevation_deg: Annotated[
-        tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
-        Doc("angle of the camera above the table (D)"),
-    ] = (20.0, 75.0)
+    elevation_deg: Elevation = (20.0, 75.0)
     roll_deg: Annotated[NotNegative, Doc("largest roll of the camera, in both directions (D)")] = (
         20.0
     )
