@@ -127,6 +127,8 @@ class FakeEstimator:
     def settle(self, instances: Any) -> None:
         """Nothing hides anything."""
 
+    doubt = settle
+
     def other_regions(self, *_: Any) -> Iterator[Region]:
         return iter(())
 

@@ -16,6 +16,7 @@ from hlp.refinement.score_model import (
     COLORLESS_SPREAD,
     PRIOR,
     ScoreModel,
+    dullness_evidence,
     fit_score_model,
     load_score_model,
     save_score_model,
@@ -177,6 +178,14 @@ def test_colours_that_contradict_lower_the_score_of_colourful_objects_alone():
     assert score(0.2, 0.8) < score(0.2, 0.3) and score(0.2, 0.8) == score(0.2, 2.0)
     away = logit(score(0.4, 0.5)) - logit(score(1.0, 0.5))
     assert away == pytest.approx(-50.0 * 0.2 * 0.25)
+
+
+def test_missing_edges_tell_the_more_against_an_object_the_less_colour_it_has():
+    def told(contrast, edge):
+        return dullness_evidence(PoseFit(0.1, 0.9, 0.9, 1.0, 1.0, contrast=contrast, edge=edge))
+
+    assert told(0.0, 0.25) == told(0.4, 0.9) == told(1.0, 0.9) == 0.0
+    assert told(0.0, 0.35) == pytest.approx(-1.5) == told(0.1, 0.35) / 0.75
 
 
 def test_the_shape_of_a_flat_side_says_little():

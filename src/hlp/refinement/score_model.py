@@ -29,6 +29,9 @@ _FILE = "score.json"
 _AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
 _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
 _HIGHEST_CONTRAST = 0.8
+_COLORFUL = 0.4  # contrast; with less, an object is dull: edges of depth count, too, … (D)
+_DULL = 15.0  # of the logit, for each unit of `PoseFit.edge` … (D)
+_AT_EDGES = 0.25  # beyond this (D)
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
 _NARROW = 8.0  # of the logit, times what the silhouette lacks of the broadest side (D)
 _MANY_PIXELS = 2000.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
@@ -179,6 +182,15 @@ PRESENT = float(np.subtract(*logits_of(np.array([PRESENT_SHARE, RIGHT_SHARE]))))
 def prior_of(colored: bool) -> ScoreModel:
     """The score of an object of which nothing else is known."""
     return PRIOR if colored else COLORLESS_PRIOR
+
+
+def dullness_evidence(fit: PoseFit) -> float:
+    """What edges of depth tell against a pose of a dull object with colours that may be absent.
+
+    A log-likelihood ratio of at most 0: where colours cannot contradict, missing edges do.
+    """
+    dull = max(1.0 - fit.contrast / _COLORFUL, 0.0)
+    return _DULL * dull * min(_AT_EDGES - fit.edge, 0.0)
 
 
 def fit_score_model(

@@ -11,7 +11,8 @@ import trimesh
 from hlp.geometry import rigid
 from hlp.method.find import frame_fits
 from hlp.method.find.frame_fits import FrameFits
-from hlp.refinement.score_model import COLORLESS_PRIOR
+from hlp.refinement.pose_fit import PoseFit
+from hlp.refinement.score_model import COLORLESS_PRIOR, PRIOR
 from hlp.rendering.rasterizer import render_depth
 from packed_boxes import WHITE, box, frame
 from refinement_scene import CAMERA, SHAPE
@@ -48,6 +49,17 @@ def test_what_a_neighbour_hides_does_not_speak_against_a_part(fits):
     assert after.cost < 0.8 * before.cost
     assert own.score(1, PACKED[0]) > score
     assert (after.appearance, after.visible_fraction) == (0.7, before.visible_fraction)
+
+
+@pytest.mark.parametrize(("colored", "told"), [(True, -1.5), (False, 0.0)])
+def test_only_dull_objects_with_colours_are_doubted(colored, told, monkeypatch):
+    fit = PoseFit(0.1, 0.9, 0.9, 1.0, 1.0, contrast=0.2, edge=0.45)
+    monkeypatch.setattr(frame_fits, "measure_fit", lambda *_: fit)
+    verifier = SimpleNamespace(model=SimpleNamespace(mesh=SimpleNamespace(colored=colored)))
+    own = FrameFits(None, lambda _: verifier, lambda _: PRIOR)
+    for _ in range(2):
+        own.doubt([(1, np.eye(4))])
+        assert own.measure(1, np.eye(4)).appearance == pytest.approx(told)
 
 
 def test_chosen_ones_have_their_settled_appearance_in_the_end(fits):

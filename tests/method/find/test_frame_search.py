@@ -2,7 +2,7 @@
 
 import threading
 from types import SimpleNamespace
-from unittest.mock import Mock
+from unittest.mock import Mock, call
 
 import numpy as np
 import pytest
@@ -94,14 +94,21 @@ def test_a_search_stops_after_a_stage_and_takes_what_is_given():
     assert [*fine] == [5, 3] and set(fine[5].seconds) == set(STEPS)
 
 
-def test_what_is_left_of_all_objects_is_measured_together_before_each_fit(monkeypatch):
-    """Colours or not: what hides a part may be an instance of another object."""
+@pytest.mark.parametrize("min_score", [None, 0.5])
+def test_what_is_left_of_all_objects_is_measured_together(min_score, monkeypatch):
+    """Colours or not: what hides a part may be an instance of another object.
+
+    It is doubted before if it may be absent.
+    """
     poses = {5: [np.eye(4), 2.0 * np.eye(4)], 3: [3.0 * np.eye(4)], 9: []}
     left = {i: SimpleNamespace(chosen_poses=own) if own else None for i, own in poses.items()}
     monkeypatch.setattr("hlp.method.find.search.resolve_conflicts", lambda *_: left)
     fits = Mock(measure=lambda object_id, pose: (object_id, pose[0, 0]))
     context = SimpleNamespace(estimator=Estimator(1, 1), fits=fits)
-    trace = search_frame(context, dict.fromkeys(poses, 2), by_threads=False)
+    counts = dict.fromkeys(poses, 2)
+    trace = search_frame(context, counts, min_score=min_score, by_threads=False)
     (among,) = fits.settle.call_args.args
+    doubted = [] if min_score is None else [call.doubt(among)]
+    assert fits.method_calls == [*doubted, call.settle(among)]
     assert [(i, pose[0, 0]) for i, pose in among] == [(5, 1.0), (5, 2.0), (3, 3.0)]
     assert [found.fits for found in trace.values()] == [((5, 1.0), (5, 2.0)), ((3, 3.0),), ()]

@@ -9,7 +9,7 @@ import numpy as np
 from hlp.arrays import Image, Pose
 from hlp.refinement.object_depth import ObjectDepth
 from hlp.refinement.pose_fit import PoseFit, measure_fit
-from hlp.refinement.score_model import ScoreModel
+from hlp.refinement.score_model import ScoreModel, dullness_evidence
 from hlp.refinement.verification import Observation, Verifier
 
 Verifiers = Callable[[int], Verifier]
@@ -57,6 +57,13 @@ class FrameFits:
         """Keep with a pose's fit what else the frame says of its look (`PoseFit.appearance`)."""
         fit = self.measure(object_id, pose_cam_obj)
         self._known[object_id, pose_cam_obj.tobytes()] = replace(fit, appearance=appearance)
+
+    def doubt(self, instances: Sequence[tuple[int, Pose]]) -> None:
+        """Doubt instances of dull objects with colours, which may be absent from the frame."""
+        for object_id, pose in instances:
+            if self._verifier(object_id).model.mesh.colored:
+                told = dullness_evidence(self.measure(object_id, pose))
+                self.set_appearance(object_id, pose, told)
 
     def set_settled(self, object_id: int, pose_cam_obj: Pose, appearance: float) -> None:
         """Keep the appearance that a pose will have in the end (`settle`), once it is chosen."""

@@ -133,13 +133,14 @@ class _FrameSearch:
             self.unexplained,
         )
         fits = self.context.fits
-        fits.settle(
-            [
-                (object_id, pose)
-                for object_id, refined in found.items()
-                for pose in ([] if refined is None else refined.chosen_poses)
-            ]
-        )
+        instances = [
+            (object_id, pose)
+            for object_id, refined in found.items()
+            for pose in ([] if refined is None else refined.chosen_poses)
+        ]
+        if self.min_score is not None:
+            fits.doubt(instances)
+        fits.settle(instances)
         share = (time.perf_counter() - begun) / max(len(traces), 1)
 
         def measure(object_id: int) -> ObjectTrace:
