@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from hlp.geometry import rigid, transform
 from hlp.method.find.related_poses import poses_beside, poses_within
 from packed_boxes import PAIR, PAIR_WHOLE, POSES, WHITE, box, frame, seen_as, verifier_of
+from refinement_scene import CAMERA, SHAPE
 
 
 def test_neighbours_touch_and_those_in_the_air_are_left_out():
@@ -104,3 +105,13 @@ def test_the_edge_must_be_nearly_as_long_as_the_face(share):
     rgb[kept[0] : kept[-1] + 1, int(columns.mean()) : int(columns.mean()) + 3] = 60
     seen = seen_as(rgb, context.observation.depth).observation
     assert len(poses_within(verifier, seen, PAIR_WHOLE)) == (2 if share == 1.0 else 0)
+
+
+@pytest.mark.parametrize(("share", "parts"), [(0.2, 0), (0.5, 2)])
+def test_of_a_face_that_the_image_cuts_off_enough_must_be_seen(share, parts):
+    verifier = box((0.04, 0.1, 0.08))
+    below = np.eye(4)
+    nearest = PAIR_WHOLE[2, 3] - 0.02
+    below[1, 3] = (SHAPE[0] - CAMERA[1, 2]) / CAMERA[1, 1] * nearest + 0.05 - 0.1 * share
+    seen = frame(verifier, WHITE, (150, 150, 150), poses=below @ PAIR).observation
+    assert len(poses_within(verifier, seen, below @ PAIR_WHOLE)) == parts

@@ -33,7 +33,8 @@ _SAME_SURFACE = 0.005  # m between the face of the box and the model
 _NEAR = 1.5  # px from an edge of depth, or 1 px from one of colour
 _EDGE = 0.93  # share of a face's length: print reaches .91, clear borders of cartons 1 (D)
 _ASKEW = 0.0, -0.15, -0.1, -0.05, 0.05, 0.1, 0.15  # of half the face, at the end of an edge (D)
-_LONGER = 0.98  # the same of edges that are askew: print reaches .97 (D)
+_LONGER = 0.95  # the same of edges that are askew (D)
+_IN_IMAGE = 0.33  # of the length, at least, if the image cuts it off (D)
 
 
 def poses_beside(
@@ -134,7 +135,7 @@ class _Face(NamedTuple):
         )
 
     def _edge_share(self, axis: int, at: Values) -> float:
-        """Share of the front's length along which the image has an edge.
+        """Share of the front's length in the image along which the image has an edge.
 
         The largest of lines beside each other; 0 where the model is not flat, not seen or behind.
         """
@@ -151,6 +152,8 @@ class _Face(NamedTuple):
         edges = observation.edges_of(self.verifier.model)
         edges = observation.depth_edge_distance if edges is None else edges
         x, y = np.floor(pixels + 0.5).astype(int).T
+        height, width = observation.depth.shape
+        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
         row, column = y - drawn.rows.start, x - drawn.columns.start
         seen = (row >= 0) & (column >= 0) & (row < agreeing.shape[0]) & (column < agreeing.shape[1])
         row, column = row[seen], column[seen]
@@ -159,7 +162,9 @@ class _Face(NamedTuple):
         )
         near = np.zeros(len(points), dtype=bool)
         near[seen] = edges[direction, y[seen], x[seen]] <= _NEAR
-        shares, shown = (part.reshape(len(_BESIDE), -1).mean(axis=1) for part in (near, seen))
+        counts = (part.reshape(len(_BESIDE), -1).sum(axis=1) for part in (near, seen, inside))
+        edge, shown, length = counts
+        length = np.maximum(length, _IN_IMAGE * len(_ALONG))
         # Beside a groove of the model, an edge may be its own: what lies around must be flat, too.
-        shown = cv2.blur(shown[:, None], (1, _AROUND), borderType=cv2.BORDER_REPLICATE)[:, 0]
-        return float(np.where(shown >= _EDGE, shares, 0.0).max())
+        shown = cv2.blur((shown / length)[:, None], (1, _AROUND), borderType=cv2.BORDER_REPLICATE)
+        return float(np.where(shown[:, 0] >= _EDGE, edge / length, 0.0).max())
