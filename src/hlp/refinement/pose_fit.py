@@ -41,10 +41,11 @@ class PoseFit:
     best: of a flat side, the correlations say little. It is infinite for an object with colours,
     which make up for it, and where too few pixels are seen. `appearance` is what colours and edges
     within the outline tell of a pose of an object without colours, given the other answers of the
-    frame (`refinement.appearance`), and these themselves (`find.answers`, `find.frame_fits`): a
-    log-likelihood ratio, 0 if nothing. `projected_share` is the silhouette's area relative to that
-    of the object's broadest side, at most 1 and for objects with colours always: narrow sides look
-    like many things. `pixels` is the number that agree, infinite for objects with colours.
+    frame (`refinement.appearance`), and these themselves (`find.answers`, `find.frame_fits`); of a
+    dull object with colours, what missing edges do: a log-likelihood ratio, 0 if nothing.
+    `projected_share` is the silhouette's area relative to that of the object's broadest side, at
+    most 1 and for objects with colours always: narrow sides look like many things. `pixels` is the
+    number that agree, infinite for objects with colours.
 
     Examples:
         >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
