@@ -189,8 +189,7 @@ def dullness_evidence(fit: PoseFit) -> float:
 
     A log-likelihood ratio of at most 0: where colours cannot contradict, missing edges do.
     """
-    dull = max(1.0 - fit.contrast / _COLORFUL, 0.0)
-    return _DULL * dull * min(_AT_EDGES - fit.edge, 0.0)
+    return _DULL * max(1.0 - fit.contrast / _COLORFUL, 0.0) * min(_AT_EDGES - fit.edge, 0.0)
 
 
 def fit_score_model(

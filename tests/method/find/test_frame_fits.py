@@ -57,9 +57,8 @@ def test_only_dull_objects_with_colours_are_doubted(colored, told, monkeypatch):
     monkeypatch.setattr(frame_fits, "measure_fit", lambda *_: fit)
     verifier = SimpleNamespace(model=SimpleNamespace(mesh=SimpleNamespace(colored=colored)))
     own = FrameFits(None, lambda _: verifier, lambda _: PRIOR)
-    for _ in range(2):
-        own.doubt([(1, np.eye(4))])
-        assert own.measure(1, np.eye(4)).appearance == pytest.approx(told)
+    own.doubt(1, [np.eye(4)])
+    assert own.measure(1, np.eye(4)).appearance == pytest.approx(told)
 
 
 def test_chosen_ones_have_their_settled_appearance_in_the_end(fits):

@@ -2,7 +2,7 @@
 
 import threading
 from types import SimpleNamespace
-from unittest.mock import Mock, call
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -95,20 +95,26 @@ def test_a_search_stops_after_a_stage_and_takes_what_is_given():
 
 
 @pytest.mark.parametrize("min_score", [None, 0.5])
-def test_what_is_left_of_all_objects_is_measured_together(min_score, monkeypatch):
-    """Colours or not: what hides a part may be an instance of another object.
+def test_what_may_be_absent_is_doubted_before_it_takes_pixels_from_others(min_score, monkeypatch):
+    happened = Mock()
+    answer = SimpleNamespace(chosen_poses=[np.eye(4)])
+    monkeypatch.setattr("hlp.method.find.search.find_instances", lambda *_, **__: answer)
+    monkeypatch.setattr("hlp.method.find.search.resolve_conflicts", happened.resolve)
+    happened.resolve.return_value = {5: None}
+    context = SimpleNamespace(estimator=Estimator(1, 1), fits=happened)
+    search_frame(context, {5: 1}, min_score=min_score, by_threads=False)
+    calls = [name for name, *_ in happened.method_calls]
+    assert calls == [*(["doubt"] if min_score else []), "resolve", "settle"]
 
-    It is doubted before if it may be absent.
-    """
+
+def test_what_is_left_of_all_objects_is_measured_together_before_each_fit(monkeypatch):
+    """Colours or not: what hides a part may be an instance of another object."""
     poses = {5: [np.eye(4), 2.0 * np.eye(4)], 3: [3.0 * np.eye(4)], 9: []}
     left = {i: SimpleNamespace(chosen_poses=own) if own else None for i, own in poses.items()}
     monkeypatch.setattr("hlp.method.find.search.resolve_conflicts", lambda *_: left)
     fits = Mock(measure=lambda object_id, pose: (object_id, pose[0, 0]))
     context = SimpleNamespace(estimator=Estimator(1, 1), fits=fits)
-    counts = dict.fromkeys(poses, 2)
-    trace = search_frame(context, counts, min_score=min_score, by_threads=False)
+    trace = search_frame(context, dict.fromkeys(poses, 2), by_threads=False)
     (among,) = fits.settle.call_args.args
-    doubted = [] if min_score is None else [call.doubt(among)]
-    assert fits.method_calls == [*doubted, call.settle(among)]
     assert [(i, pose[0, 0]) for i, pose in among] == [(5, 1.0), (5, 2.0), (3, 3.0)]
     assert [found.fits for found in trace.values()] == [((5, 1.0), (5, 2.0)), ((3, 3.0),), ()]

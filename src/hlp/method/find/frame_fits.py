@@ -58,12 +58,12 @@ class FrameFits:
         fit = self.measure(object_id, pose_cam_obj)
         self._known[object_id, pose_cam_obj.tobytes()] = replace(fit, appearance=appearance)
 
-    def doubt(self, instances: Sequence[tuple[int, Pose]]) -> None:
-        """Doubt instances of dull objects with colours, which may be absent from the frame."""
-        for object_id, pose in instances:
-            if self._verifier(object_id).model.mesh.colored:
-                told = dullness_evidence(self.measure(object_id, pose))
-                self.set_appearance(object_id, pose, told)
+    def doubt(self, object_id: int, poses_cam_obj: Sequence[Pose]) -> None:
+        """Doubt poses of an object that may be absent from the frame, if it is dull."""
+        if self._verifier(object_id).model.mesh.colored:
+            for pose in poses_cam_obj:
+                fit = self.measure(object_id, pose)
+                self.set_appearance(object_id, pose, dullness_evidence(fit))
 
     def set_settled(self, object_id: int, pose_cam_obj: Pose, appearance: float) -> None:
         """Keep the appearance that a pose will have in the end (`settle`), once it is chosen."""

@@ -162,8 +162,8 @@ class _Face(NamedTuple):
         )
         near = np.zeros(len(points), dtype=bool)
         near[seen] = edges[direction, y[seen], x[seen]] <= _NEAR
-        counts = (part.reshape(len(_BESIDE), -1).sum(axis=1) for part in (near, seen, inside))
-        edge, shown, length = counts
+        flags = np.stack([near, seen, inside]).reshape(3, len(_BESIDE), -1)
+        edge, shown, length = flags.sum(axis=2)
         length = np.maximum(length, _IN_IMAGE * len(_ALONG))
         # Beside a groove of the model, an edge may be its own: what lies around must be flat, too.
         shown = cv2.blur((shown / length)[:, None], (1, _AROUND), borderType=cv2.BORDER_REPLICATE)

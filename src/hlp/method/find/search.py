@@ -120,7 +120,10 @@ class _FrameSearch:
         """Stage 3 (section 3.3): fine poses, and which of them are instances."""
         assert trace.hypotheses is not None
         of = self.context, _region(trace), trace.hypotheses, self.counts[object_id]
-        return find_instances(*of, unexplained, self.min_score, fallback=self.fallback)
+        found = find_instances(*of, unexplained, self.min_score, fallback=self.fallback)
+        if found is not None and self.min_score is not None:
+            self.context.fits.doubt(object_id, found.chosen_poses)
+        return found
 
     def settle(self, traces: dict[int, ObjectTrace]) -> dict[int, ObjectTrace]:
         """Objects compete for pixels; then the fit of each instance that is left is settled."""
@@ -133,14 +136,13 @@ class _FrameSearch:
             self.unexplained,
         )
         fits = self.context.fits
-        instances = [
-            (object_id, pose)
-            for object_id, refined in found.items()
-            for pose in ([] if refined is None else refined.chosen_poses)
-        ]
-        if self.min_score is not None:
-            fits.doubt(instances)
-        fits.settle(instances)
+        fits.settle(
+            [
+                (object_id, pose)
+                for object_id, refined in found.items()
+                for pose in ([] if refined is None else refined.chosen_poses)
+            ]
+        )
         share = (time.perf_counter() - begun) / max(len(traces), 1)
 
         def measure(object_id: int) -> ObjectTrace:
