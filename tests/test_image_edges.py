@@ -1,10 +1,19 @@
 """Directions of gradients at edges, against steps whose direction is known."""
 
+import cv2
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from hlp.image_edges import NO_EDGE, STEPS, color_edges, edges
+from hlp.image_edges import (
+    LOGARITHMS,
+    NO_EDGE,
+    STEPS,
+    color_edges,
+    edges,
+    long_edges,
+    noise_gradient,
+)
 
 
 def step_image(angle: float, low: tuple[int, ...], high: tuple[int, ...]) -> np.ndarray:
@@ -40,6 +49,43 @@ def test_what_is_smooth_or_faint_has_no_edge() -> None:
     ramp = np.repeat((60 + x + y)[..., None], 3, axis=2).astype(np.uint8)
     assert (color_edges(ramp) == NO_EDGE).all()
     assert (color_edges(step_image(0.0, (100,) * 3, (104,) * 3)) == NO_EDGE).all()
+
+
+def noisy(image: np.ndarray, deviation: float) -> np.ndarray:
+    noise = np.random.default_rng(0).normal(scale=deviation, size=image.shape)
+    return np.clip(np.round(image + noise), 0, 255).astype(np.uint8)
+
+
+def test_noise_is_no_edge_but_an_outline_in_it_is() -> None:
+    wide = cv2.resize(step_image(0.0, (60,) * 3, (160,) * 3), (324, 324))
+    image = noisy(wide, 20.0)
+    at = np.zeros(image.shape[:2], bool)
+    at[:, 160:168] = True
+    assert (edges(LOGARITHMS[image], 0.04)[~at] != NO_EDGE).mean() > 0.15
+    assert (color_edges(image)[~at] != NO_EDGE).mean() < 0.05
+    found = long_edges(color_edges(image)) != NO_EDGE
+    assert found[~at].mean() < 0.002 and found[2:-2].any(axis=1).mean() > 0.98
+
+
+@pytest.mark.parametrize("deviation", [0.0, 5.0, 20.0])
+def test_the_gradient_of_noise_is_that_of_scipy(deviation: float) -> None:
+    image = noisy(np.full((320, 320, 3), 128), deviation)
+    image[:, 200:] = noisy(np.random.default_rng(1).integers(0, 256, (320, 120, 3)), 0.0)
+    plain = ndimage.gaussian_filter(image[:, :190].astype(float), (1, 1, 0))
+    channels = np.moveaxis(plain, 2, 0)
+    gradients = [[ndimage.sobel(c, axis=axis) / 8.0 for c in channels] for axis in (0, 1)]
+    expected = np.median(np.sqrt(np.square(gradients).sum(axis=0).max(axis=0)))
+    assert noise_gradient(image) == pytest.approx(expected, rel=0.15)
+    assert noise_gradient(image[:10]) == 0.0
+
+
+def test_long_edges_are_those_of_many_touching_pixels() -> None:
+    drawn = np.random.default_rng(0).random((80, 90)) < 0.15
+    found = np.where(drawn, 3, NO_EDGE).astype(np.int8)
+    group, _ = ndimage.label(drawn, structure=np.ones((3, 3)))
+    expected = drawn & (np.bincount(group.ravel())[group] >= 16)
+    assert expected.any() and (drawn & ~expected).any()
+    assert np.array_equal(long_edges(found), np.where(expected, found, NO_EDGE))
 
 
 def test_gradients_are_those_of_scipy() -> None:

@@ -16,7 +16,7 @@ STEPS = 16
 """Directions that are told apart, of half a turn: 0 is that of x, and they turn towards y."""
 NO_EDGE = -1
 _BLUR = 1.0  # px
-_PART, _PLAIN = 16, 0.1  # px of a part of the image; share of the parts that are plain (D)
+_PART, _PLAIN = 16, 0.1  # px of a part of the image; share of the parts that is plain (D)
 _NOISE = 3.0  # times the gradient of noise; a larger one is an edge (D)
 _LONG = 16  # pixels that touch; fewer are no outline (D)
 _LEAST = 0.04  # of a gradient: difference of the colours' logarithms between neighbouring pixels
@@ -44,7 +44,8 @@ def long_edges(edges: Int8[np.ndarray, "h w"]) -> Int8[np.ndarray, "h w"]:
 def noise_gradient(rgb: Rgb) -> float:
     """How far noise changes the blurred colours from pixel to pixel: the gradient in plain parts.
 
-    Plain are the parts where the median gradient is smallest.
+    Plain is the tenth of the parts where the median gradient is smallest: where there is texture
+    all over the image, faint texture is taken for noise.
     """
     blurred = cv2.GaussianBlur(rgb, (0, 0), _BLUR)
     height, width = (size // _PART for size in rgb.shape[:2])
