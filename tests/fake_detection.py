@@ -163,8 +163,7 @@ class FakeEstimator:
         poses = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
         poses[:, 2, 3] = float(region.mask.sum())
         found = Hypotheses(poses, rng.random(count))
-        seconds = {"local": 0.25, "voting": 0.125}
-        return ObjectTrace(region, None, votes, found, seconds=seconds)
+        return ObjectTrace(region, None, votes, found, seconds={"local": 0.25, "voting": 0.125})
 
     def refine(
         self,

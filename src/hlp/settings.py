@@ -262,8 +262,7 @@ def _one_of(parts: tuple[_Type, ...], value: Any, key: str, most: float) -> Any:
     for problem in problems:
         if problem.key != key or not problem.kind:
             raise problem
-    kinds = " or ".join(problem.kind for problem in problems)
-    raise _wrong(key, value, kinds, is_kind=True)
+    raise _wrong(key, value, " or ".join(problem.kind for problem in problems), is_kind=True)
 
 
 def _wrong(key: str, value: Any, expected: str, is_kind: bool = False) -> SettingsError:

@@ -17,8 +17,7 @@ DEEPER = Correction(depth=0.9)
 )  # fmt: skip
 @pytest.mark.parametrize(("correction", "scale"), [(DEEPER, 1.0), (EXCHANGED, 0.8 / 0.06)])
 def test_three_frames_must_say_so_and_fewer_more_clearly(correction, scale, gains, named):
-    frames = [{} if gain is None else {correction: scale * gain} for gain in gains]
-    findings = check_gains(frames)
+    findings = check_gains([{} if gain is None else {correction: scale * gain} for gain in gains])
     assert len(findings) == named
     count = sum(gain is not None for gain in gains)
     where = "this frame alone" if count == 1 else f"{count} frames"

@@ -41,8 +41,7 @@ def test_impossible_intrinsics_and_those_of_images_of_another_size_are_named(
 
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_depth_in_another_unit_is_named(frames, models, factor):
-    wrong = with_depth(frames[0], factor)
-    (finding,) = check_depth_scale(wrong, list(models.values()))
+    (finding,) = check_depth_scale(with_depth(frames[0], factor), list(models.values()))
     assert finding.kind == "depth scale" and "Give depth_scale" in finding.advice
 
 

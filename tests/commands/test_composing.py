@@ -86,8 +86,7 @@ def test_a_launcher_without_its_plugin_says_what_to_install(tmp_path: Path) -> N
         "    try: main(['-m', f'hydra/launcher={launcher}', 'seed=0,1'])\n"
         "    except SystemExit as ended: assert ended.code == 1\n"
     )
-    done = run_python(code, tmp_path)
-    assert done.stderr.splitlines() == [
+    assert run_python(code, tmp_path).stderr.splitlines() == [
         f"hlp: this launcher needs the extra '{extra}': pip install 'hlp[{extra}]'"
         for extra in extras.values()
     ]

@@ -31,8 +31,7 @@ TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix()
 def models(tmp_path_factory: pytest.TempPathFactory) -> Any:
     root = tmp_path_factory.mktemp("models")
     write_models(root / "models", (1, 6))
-    objects = {"box": ObjectSettings(1), "other": ObjectSettings(6)}
-    return load_object_models(root, objects, 500, 8)
+    return load_object_models(root, {"box": ObjectSettings(1), "other": ObjectSettings(6)}, 500, 8)
 
 
 @pytest.fixture
@@ -45,8 +44,7 @@ def root(tmp_path: Path) -> Path:
 def frames_of(
     root: Path, object_ids: Any = None, targets: str | None = "targets.json"
 ) -> BopFrames:
-    listed = None if targets is None else root / targets
-    return BopFrames(root / "test", listed, object_ids)
+    return BopFrames(root / "test", None if targets is None else root / targets, object_ids)
 
 
 def scene_file(root: Path, name: str) -> Path:
@@ -86,8 +84,7 @@ def stated(targets: Any) -> list[tuple[int, float]]:
 def test_keys_are_sorted_and_known_without_any_image(root, tmp_path):
     for kind in ("rgb", "depth"):
         shutil.rmtree(scene_file(root, kind))
-    frames = frames_of(root)
-    assert frames.keys == (SOUND, BROKEN)
+    assert frames_of(root).keys == (SOUND, BROKEN)
     BopFrames(tmp_path / "none", tmp_path / "targets.json")  # reads nothing
 
 
@@ -166,8 +163,7 @@ def test_a_true_pose_lies_on_the_depth_that_was_measured(shared_data):
     points = transform(target.pose_cam_obj, vertices)
     x, y = np.round(project(points, frame.camera_matrix)).astype(int).T
     # Half of the vertices face away; the front ones lie within a few mm of the measured surface.
-    apart = np.abs(frame.depth[y, x] - points[:, 2])
-    assert np.mean(apart < 0.01) > 0.35
+    assert np.mean(np.abs(frame.depth[y, x] - points[:, 2]) < 0.01) > 0.35
 
 
 def bad_frames(root: Path, models: Any, targets: str | None = "targets.json") -> dict[str, str]:

@@ -23,8 +23,7 @@ def root(tmp_path: Path) -> Path:
 
 def test_targets_are_those_listed_or_all_that_is_annotated(root):
     scenes = list_scenes(root / "test")
-    listed = {(6, 12): {1: 1}, (6, 0): {1: 1, 6: 1}}
-    assert list_targets(scenes, root / "targets.json") == listed
+    assert list_targets(scenes, root / "targets.json") == {(6, 12): {1: 1}, (6, 0): {1: 1, 6: 1}}
     assert list_targets(scenes, None) == {(6, 0): {1: 1, 6: 2}, (6, 12): {1: 1}}
     assert [target.object_id for target in scenes[6].targets(0)] == [1, 6, 6]
 

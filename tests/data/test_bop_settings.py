@@ -73,8 +73,7 @@ def test_the_list_of_targets_says_what_is_learnt(root):
 @pytest.mark.parametrize("listed", [True, False])
 def test_targets_can_be_restricted_to_visible_ones(root, listed):
     if listed:
-        rows = [(6, 0, 1, 1), (6, 0, 6, 2), (6, 12, 1, 1)]
-        write_targets(root / "test_targets_bop19.json", rows)
+        write_targets(root / "test_targets_bop19.json", [(6, 0, 1, 1), (6, 0, 6, 2), (6, 12, 1, 1)])
     frames = BopSettings(root=str(root), min_visible=0.3).build().frames
     assert frames.keys == ("000006_000000",)
     targets = frames.load("000006_000000").targets
@@ -153,7 +152,6 @@ def test_the_development_sets_are_read_by_their_folders(
 ):
     dataset = BopSettings(root=str(shared_data / name)).build()
     assert len(dataset.frames.keys) == frames
-    counts = dataset.frames.targets.values()
-    assert sum(sum(found.values()) for found in counts) == targets
+    assert sum(sum(found.values()) for found in dataset.frames.targets.values()) == targets
     assert len(dataset.models) == objects
     assert dataset.frames.load(dataset.frames.keys[0]).targets

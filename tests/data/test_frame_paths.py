@@ -83,8 +83,7 @@ def test_what_is_not_there_is_named(tmp_path):
 @pytest.mark.parametrize("camera", ["cam_K.txt", "camera.json", "scene_camera.json"])
 def test_a_folder_stands_for_what_is_in_it(tmp_path, camera):
     make(tmp_path, "rgb/a.png", "depth/a.png", camera)
-    given = with_frames({"frames": str(tmp_path), "learnt": "x"})
-    assert given == {
+    assert with_frames({"frames": str(tmp_path), "learnt": "x"}) == {
         "rgb": str(tmp_path / "rgb"), "depth": str(tmp_path / "depth"), "learnt": "x",
         "intrinsics": str(tmp_path / camera),
     }  # fmt: skip

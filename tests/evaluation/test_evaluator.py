@@ -115,15 +115,13 @@ def test_instances_are_matched_once_each_the_surest_estimate_first():
 
 
 def test_a_wrong_estimate_takes_no_target_from_a_right_one():
-    wrong = moved(dx=-0.05, dz=0.03)
-    first, second = _scores(BOTH, [(wrong, 0.9, 1), (LEFT, 0.3, 1)])
+    first, second = _scores(BOTH, [(moved(dx=-0.05, dz=0.03), 0.9, 1), (LEFT, 0.3, 1)])
     assert first.add_correct and first.add_error == 0.0 and first.score == 0.3
     assert second.found and not second.add_correct and second.score == 0.9
 
 
 def test_as_many_estimates_count_as_there_are_targets_the_surest_ones():
-    given = [(RIGHT, 0.7, 1), (moved(dz=0.4), 0.9, 1), (LEFT, 0.8, 1)]
-    first, second = _scores(BOTH, given)
+    first, second = _scores(BOTH, [(RIGHT, 0.7, 1), (moved(dz=0.4), 0.9, 1), (LEFT, 0.8, 1)])
     assert first.add_correct and not second.add_correct
     assert second.mssd_recall == 0.0
     (score,) = _scores([(TRUE, 1)], [(TRUE, 0.2, 1), (moved(dx=0.3), 0.8, 1)])

@@ -86,8 +86,7 @@ def test_what_is_said_of_five_targets():
 
 @pytest.mark.parametrize(("vsd", "mean"), [(float("nan"), None), (0.6, (0.6 + 0.4 + 0.8) / 3)])
 def test_bops_average_recall_is_the_mean_of_the_three_and_none_if_one_was_not_computed(vsd, mean):
-    scores = [dataclasses.replace(score, vsd_recall=vsd) for score in SCORES]
-    found = _summary(scores)["bop"]
+    found = _summary([dataclasses.replace(score, vsd_recall=vsd) for score in SCORES])["bop"]
     assert found["mssd"] == pytest.approx(0.4) and found["mspd"] == pytest.approx(0.8)
     assert found["vsd"] == (None if mean is None else pytest.approx(0.6))
     assert found["ar"] == (None if mean is None else pytest.approx(mean))
@@ -96,8 +95,7 @@ def test_bops_average_recall_is_the_mean_of_the_three_and_none_if_one_was_not_co
 def test_it_is_strict_json_even_if_nothing_was_found():
     lost = [_score(0, 6, False, found=False)]
     summary = summarise(lost, NAMES, {"total": []}, {}, SETTINGS, 0)
-    text = json.dumps(summary, allow_nan=False)
-    assert json.loads(text)["metrics"]["add"] == {
+    assert json.loads(json.dumps(summary, allow_nan=False))["metrics"]["add"] == {
         "recall": 0.0,
         "ci95": [0.0, pytest.approx(0.7935, abs=1e-4)],  # Wilson's
         "mean_object": 0.0,

@@ -110,8 +110,7 @@ def test_errors_of_a_pose():
 
 @pytest.mark.usefixtures("_rays")
 def test_average_recalls_of_several_instances_and_missing_answers():
-    scores = score_targets(_truths(True), MODELS, ESTIMATES, EvaluationSettings())
-    found = average_recalls(scores)
+    found = average_recalls(score_targets(_truths(True), MODELS, ESTIMATES, EvaluationSettings()))
     assert {name: found[name] for name in VALUES["recalls"]} == pytest.approx(VALUES["recalls"])
 
 

@@ -145,5 +145,4 @@ def test_shares_are_of_all_votes_and_none_without_votes():
     assert quality["total"] == total
     assert list(quality["per_object"]) == ["cat", "ape"]
     assert [quality["per_object"]["ape"][name] for name in names] == [0.1, 0.25, 0.5, 0.2, 5.0]
-    nothing = vote_quality(counts[2:], {2: "ape"})["total"]
-    assert nothing == {**dict.fromkeys(names), "votes": 0.0}
+    assert vote_quality(counts[2:], {2: "ape"})["total"] == {**dict.fromkeys(names), "votes": 0.0}

@@ -42,6 +42,13 @@ def stages_in(work, frames=None, **options):
     return DetectionStages(dataset, SETTINGS, training, KEYS, **options)
 
 
+def made_in(work, last="poses"):
+    """Stages that are made, up to the last one."""
+    stages = stages_in(work)
+    stages.make(last)
+    return stages
+
+
 def events(stages, *, reused):
     return [event.stage for event in stages.store.events if event.reused == reused]
 
@@ -52,8 +59,7 @@ def files(work):
 
 
 def test_a_frame_is_decoded_once_for_all_three_stages(tmp_path):
-    stages = stages_in(tmp_path)
-    stages.make("poses")
+    stages = made_in(tmp_path)
     assert stages.dataset.frames.loads == [*KEYS]
     assert events(stages, reused=False) == [*STAGES]
     assert files(tmp_path).keys() == {f"{stage}/{key}" for stage in STAGES for key in KEYS}
@@ -103,8 +109,7 @@ def test_frames_that_need_no_work_are_visited_too(tmp_path):
 
 
 def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(tmp_path):
-    stages = stages_in(tmp_path)
-    stages.make("poses")
+    stages = made_in(tmp_path)
     wanted = []
     for key in (FIRST, *KEYS):
         wanted += [("region", key, item) for item in OBJECTS]
@@ -114,9 +119,7 @@ def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(tmp
 
 
 def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path):
-    together, apart = stages_in(tmp_path / "together"), stages_in(tmp_path / "apart")
-    together.make("poses")
-    apart.make("regions")
+    together, apart = made_in(tmp_path / "together"), made_in(tmp_path / "apart", "regions")
     assert events(apart, reused=False) == ["regions"]
     apart.make("hypotheses")
     apart.make("poses")
@@ -131,17 +134,14 @@ def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path):
 def test_what_is_on_disk_is_reused_by_name(tmp_path):
     stages_in(tmp_path).make("hypotheses")
     before = files(tmp_path)
-    later = stages_in(tmp_path)
-    later.make("poses")
+    later = made_in(tmp_path)
     assert later.reused == {"regions", "hypotheses"}
     assert events(later, reused=True) == ["regions", "hypotheses"]
     assert {step for step, *_ in later.estimator.asked} == {"refine"}
     assert before.items() <= files(tmp_path).items()
-    whole = stages_in(tmp_path / "whole")
-    whole.make("poses")
+    made_in(tmp_path / "whole")
     assert files(tmp_path / "whole").items() <= files(tmp_path).items()
-    third = stages_in(tmp_path)
-    third.make("poses")
+    third = made_in(tmp_path)
     assert third.reused == {*STAGES} and third.dataset.frames.loads == []
 
 
@@ -154,12 +154,10 @@ def test_an_interrupted_pass_continues_at_the_frame_where_it_stopped(tmp_path):
     assert events(stages, reused=False) == []
     left = [*tmp_path.glob("*/*.partial/*.npz")]
     assert {path.stem for path in left} == {FIRST} and len(left) == 3
-    resumed = stages_in(tmp_path)
-    resumed.make("poses")
+    resumed = made_in(tmp_path)
     assert resumed.dataset.frames.loads == [*KEYS[1:]]
     assert resumed.reused == {*STAGES}  # in part: its times are not all its own
-    whole = stages_in(tmp_path / "whole")
-    whole.make("poses")
+    made_in(tmp_path / "whole")
     assert files(tmp_path / "whole").items() <= files(tmp_path).items()
     assert not [*tmp_path.glob("*/*.partial")]
 
@@ -171,9 +169,7 @@ def test_a_frame_of_which_one_stage_is_lacking_is_made_for_all(tmp_path):
         stages.make("poses")
     (lost,) = tmp_path.glob(f"poses/*.partial/{FIRST}.npz")
     lost.unlink()  # as a crash between two writes leaves it
-    resumed = stages_in(tmp_path)
-    resumed.make("poses")
-    assert resumed.dataset.frames.loads == [*KEYS]
+    assert made_in(tmp_path).dataset.frames.loads == [*KEYS]
 
 
 def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_path):
@@ -249,9 +245,7 @@ def test_the_others_are_found_bit_for_bit(tmp_path, caplog):
     assert stages.failed == {BAD: "depth/000002.png is truncated"}
     (line,) = [record.message for record in caplog.records if record.levelname == "WARNING"]
     assert BAD in line and "depth/000002.png is truncated" in line
-    sound = stages_in(tmp_path / "sound")
-    sound.estimates()
-    assert_same(stages, sound)
+    assert_same(stages, made_in(tmp_path / "sound"))
     stored = read_trace({"poses": stages.made["poses"].folder}, BAD)
     assert stored == "depth/000002.png is truncated"
 
@@ -271,8 +265,7 @@ def test_a_frame_known_to_be_bad_is_not_decoded_and_has_a_result_of_its_own(tmp_
     assert len(stages.estimates()) == 4
     assert frames.loads == [KEYS[0], KEYS[2]]
     assert stages.failed == {BAD: "no image"}
-    sound = stages_in(tmp_path)
-    sound.estimates()
+    sound = made_in(tmp_path)
     assert sound.made["poses"].fingerprint != stages.made["poses"].fingerprint
     assert_same(stages, sound)
 
@@ -306,11 +299,10 @@ def test_where_the_number_is_not_known_up_to_so_many_sure_ones_are_looked_for(
 
     monkeypatch.setattr(detection, "search_frame", search)
     stages = stages_in(tmp_path)
-    dataset = stages.dataset
     frame = stages.load(KEYS[0])
     stages.search(frame)
     known = stages._descriptions(STAGES)
-    dataset.search_all = True
+    stages.dataset.search_all = True
     stages.search(frame)
     assert asked == [
         (dict.fromkeys(OBJECTS, 1), None),

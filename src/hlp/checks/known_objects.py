@@ -166,8 +166,7 @@ def check_with_objects(
     if findings or not absent:
         return findings
     advice = "It is not in view or too small, or depth is not registered to colour"
-    problem = f"found in none of {len(frames)} frames"
-    return [Finding(ABSENT, ", ".join(absent), problem, advice)]
+    return [Finding(ABSENT, ", ".join(absent), f"found in none of {len(frames)} frames", advice)]
 
 
 def _best(answers: Iterable[Detection]) -> float:

@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hlp.errors import InputError
@@ -149,11 +148,6 @@ def whole_number(given: Mapping[str, str], key: str, most: int = 1024) -> int | 
     if type(value) is not int or not 0 <= value <= most:
         raise InputError(f"{key}={given[key]}: it must be a whole number, 0 to {most}")
     return value
-
-
-def path_of(given: Mapping[str, str], key: str, default: str | Path) -> Path:
-    """The path of a key, with ~ expanded."""
-    return expanded(given.get(key, default))
 
 
 def tracking_uri(work: str = "work") -> str:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hlp.commands.arguments import is_true, known_arguments, path_of, text_list
+from hlp.commands.arguments import is_true, known_arguments, text_list
 from hlp.data.public_sets import IMAGES, SETS, find_set
 from hlp.errors import InputError, MissingFileError
 from hlp.files import MANIFEST, expanded, shipped_folder
@@ -81,7 +81,7 @@ def download(arguments: Sequence[str]) -> None:
     public = find_set(name)
     given = known_arguments(rest, ("output", "images", "mirror"), "download")
     images = given.get("images", next(iter(public.archives)))
-    folder = path_of(given, "output", f"data/{name}")
+    folder = expanded(given.get("output", f"data/{name}"))
     mirror = given.get("mirror")
     print(public.what)
     print(f"licence   {public.licence or 'not known to HLP'}; see {public.page}")
@@ -102,7 +102,8 @@ def filled(text: str) -> str:
 
 def notebooks(arguments: Sequence[str]) -> None:
     """Copy the tutorial notebooks into a folder, none of them if one exists already."""
-    folder = path_of(known_arguments(arguments, ("output",), "notebooks"), "output", "notebooks")
+    given = known_arguments(arguments, ("output",), "notebooks")
+    folder = expanded(given.get("output", "notebooks"))
     sources = sorted(shipped_folder("notebooks").glob("*.ipynb"))
     targets = [folder / source.name for source in sources]
     for target in targets:
@@ -120,7 +121,7 @@ def clean(arguments: Sequence[str]) -> None:
     for kind in kinds:
         if kind not in KINDS:
             raise InputError(f"kinds={kind}: choose from {', '.join(KINDS)}")
-    work, dry = path_of(given, "work", "work"), is_true(given, "dry", True)
+    work, dry = expanded(given.get("work", "work")), is_true(given, "dry", True)
     outputs = [expanded(name) for name in text_list(given.get("outputs", "outputs"))]
     found = [output for output in find_removable(work, outputs) if output.kind in kinds]
     for output in found:

@@ -14,6 +14,7 @@ from hlp.config.build import Run, build_settings
 from hlp.data.dataset import TrainingImages
 from hlp.data.file_frames import FolderSettings
 from hlp.errors import InputError, MissingFileError
+from hlp.files import expanded
 from hlp.method.learn import learning, learnt_folder
 from hlp.method.learn.mesh_models import MeshChoices, build_models
 from hlp.method.learn.model_files import write_model
@@ -110,7 +111,7 @@ def learn(arguments: Sequence[str]) -> None:
     name = given.get("name", request.names)
     if "output" not in given and Path(name).name != name:
         raise InputError(f"name={name} is a path: give output={name}")
-    folder = own.path_of(given, "output", cache_folder(given.get("work")) / name)
+    folder = expanded(given.get("output", cache_folder(given.get("work")) / name))
     learn_into(folder, request)
     shown = given.get("output", folder.name)
     print(f"Next: hlp predict learnt={shown} rgb=… depth=… intrinsics=…")

@@ -83,8 +83,7 @@ def _listed(cache: Path) -> str:
 
 
 def _shown(folder: Path) -> str:
-    entry = learnt_cache.describe_learnt(folder)
-    lines = [f"{folder}: {entry.size / 1e6:.0f} MB"]
+    lines = [f"{folder}: {learnt_cache.describe_learnt(folder).size / 1e6:.0f} MB"]
     learnt = LearntFolder(folder)
     local = learnt.settings.patches.local
     for model in learnt.models.values():

@@ -38,11 +38,10 @@ def predict(arguments: Sequence[str]) -> None:
     masks, objects = own.search_masks(given), own.names_of_objects(given)
     options = own.read_group(PredictionOptions, given, objects=objects)
     default = Path("outputs", "predict", time.strftime("%Y-%m-%d_%H-%M-%S"))
-    output = own.path_of(given, "output", default)
+    output = expanded(given.get("output", default))
     if (output / "learnt.json").exists():
         raise InputError(f"output={output} holds learnt objects: name another folder")
-    folder = _learnt_folder(given, frames, known)
-    detector = _load(folder, given)
+    detector = _load(_learnt_folder(given, frames, known), given)
     prediction.predict(detector, frames, output, options, masks)
     print(f"\nPoses     {output} (poses.csv in BOP's format, poses.jsonl, poses.json)")
     if pictures := [*(output / "panels").glob("*.png")]:
@@ -93,11 +92,10 @@ def live(arguments: Sequence[str]) -> None:
     kinds = [_SOURCES[source][0]] if source in _SOURCES else []
     known = own.field_names(answering.LiveOptions, *kinds)
     own.check_known(given, sorted({*_COMMON, *known}), "live")
-    objects = own.names_of_objects(given)
-    options = own.read_group(answering.LiveOptions, given, objects=objects)
+    options = own.read_group(answering.LiveOptions, given, objects=own.names_of_objects(given))
     detector = _load(find_learnt(given["learnt"], cache_folder(given.get("work"))), given)
     page = own.whole_number(given, "page", most=65535)
-    overlay = own.path_of(given, "overlay", "") if "overlay" in given else None
+    overlay = expanded(given["overlay"]) if "overlay" in given else None
     with ExitStack() as stack:
         if source in _SOURCES:
             settings, make = _SOURCES[source]

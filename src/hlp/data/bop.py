@@ -98,8 +98,7 @@ class BopSettings(FolderSettings):
         No model or image is read. Raises as `build`.
         """
         root = existing_folder("data.root", self.root)
-        given = [own.id for own in self._named(root).values()]
-        frames, ids = self._searched(root, given or None)
+        frames, ids = self._searched(root, [own.id for own in self._named(root).values()] or None)
         kept = spread(list(frames.targets.values()), most)
         every = self.search == "all"
         searches = sum(len(ids) if every else len(own) for own in kept)

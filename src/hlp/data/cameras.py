@@ -100,8 +100,7 @@ class LinesCamera(Camera):
             rgb, depth = self._reader.read(FramePaths(Path(given["rgb"]), Path(given["depth"])))
         except HlpError as error:
             return BrokenImage(name, error)
-        captured = given.get("captured")
-        return CameraImage(rgb, depth, self._reader.camera.matrix, name, captured)
+        return CameraImage(rgb, depth, self._reader.camera.matrix, name, given.get("captured"))
 
 
 def _parsed(line: str) -> dict[str, Any]:

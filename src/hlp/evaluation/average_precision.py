@@ -92,8 +92,7 @@ def _judge(
     answers: Sequence[tuple[float, Pose]],
 ) -> _Answers:
     """The verdicts on an object's answers in one frame."""
-    poses = [pose for _, pose in answers]
-    mssd, mspd = measure.distances(true_poses, poses, truth.camera_matrix)
+    mssd, mspd = measure.distances(true_poses, [pose for _, pose in answers], truth.camera_matrix)
     limits = FRACTIONS * diameter, PIXELS * truth.width / WIDTH, LENGTHS
     errors = zip((mssd, mspd, mssd), limits, strict=True)
     matched = np.stack([match(error[..., None], own)[:, 0] for error, own in errors])

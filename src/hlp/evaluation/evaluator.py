@@ -51,8 +51,7 @@ class FrameTruth:
         """The depth image (m)."""
         if self.packed_depth is None:
             return None
-        values = np.frombuffer(zlib.decompress(self.packed_depth), np.float32)
-        return values.reshape(-1, self.width)
+        return np.frombuffer(zlib.decompress(self.packed_depth), np.float32).reshape(-1, self.width)
 
 
 def score_targets(

@@ -130,8 +130,7 @@ def _table(name: str, results: Sequence[Result], found: Sweep) -> Report:
     else:
         recalls = paper.metric_recalls(runs)
         table = recalls.table("recall")
-    notes = [f"{title}.", *_made_by(found), note]
-    return Report(name, table, notes, recalls.figure(title, note))
+    return Report(name, table, [f"{title}.", *_made_by(found), note], recalls.figure(title, note))
 
 
 def _ladder(runs: Mapping[str, Result], found: Sweep) -> Report:
@@ -157,8 +156,7 @@ def _ladder(runs: Mapping[str, Result], found: Sweep) -> Report:
     header = ["step", "change", *of_figures, f"visible_below_{comparison.WELL_VISIBLE:g}"]
     header += ["from", "gain", "gain_low", "gain_high"]
     notes, wide = [*_made_by(found), _LADDER_NOTE], ["change", *shown[1:5], "load"]
-    figure = _draw_ladder(runs, gains)
-    return Report(LADDER, table, notes, figure, Table(header, figures), wide)
+    return Report(LADDER, table, notes, _draw_ladder(runs, gains), Table(header, figures), wide)
 
 
 def _draw_ladder(runs: Mapping[str, Result], gains: Sequence[Bar | None]) -> "Figure":

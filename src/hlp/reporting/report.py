@@ -204,8 +204,7 @@ def _cells(run: Path) -> list[str]:
         finished = (run / MANIFEST).is_file()
         if not (run / SUMMARY).is_file():
             return ["study" if finished else "unfinished", *_UNKNOWN]
-        figures = _figures(read_summary(run / SUMMARY))
-        return ["finished" if finished else "unfinished", *figures]
+        return ["finished" if finished else "unfinished", *_figures(read_summary(run / SUMMARY))]
     except DataError:
         return ["broken", *_UNKNOWN]
 

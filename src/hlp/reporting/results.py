@@ -129,8 +129,7 @@ def read_result(folder: Path) -> Result:
     manifest, times = read_as(folder / MANIFEST, Manifest), folder / TIMES
     private = times.is_file() and not (folder / SUMMARY).is_file()
     summary = {"timing": read_json(times)} if private else read_summary(folder / SUMMARY)
-    frames = len(manifest.data.keys)
-    return Result(manifest.config, summary, frames, chosen_values(folder), folder)
+    return Result(manifest.config, summary, len(manifest.data.keys), chosen_values(folder), folder)
 
 
 def chosen_values(folder: Path) -> dict[str, str]:

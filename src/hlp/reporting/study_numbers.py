@@ -90,10 +90,9 @@ _BENCH = record(
 
 def _read_times(path: Path) -> list[Number]:
     found: Any = read_as(path, _MEANS)
-    named = {"ms": found.wall_ms, "CPU ms": found.cpu_ms}
     return [
         Number(name, "ms", time, format_ms(time))
-        for name, time in named.items()
+        for name, time in {"ms": found.wall_ms, "CPU ms": found.cpu_ms}.items()
         if time is not None
     ]
 

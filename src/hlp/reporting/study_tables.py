@@ -223,8 +223,7 @@ def comparison_table(paths: Mapping[str, Result]) -> Table:
     for name, path in paths.items():
         times = [_ratio(first["first"][stage], path["first"][stage]) for stage in stages]
         times.append(_ratio(first["frame"][TOTAL], path["frame"][TOTAL]))
-        shares = map(format_share, (path["add_recall"], path["same_pose"]))
-        rows.append([name, *times, *shares])
+        rows.append([name, *times, *map(format_share, (path["add_recall"], path["same_pose"]))])
     return Table(["path", *stages, "frame", "ADD(-S)", "same pose"], rows)
 
 

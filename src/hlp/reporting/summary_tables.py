@@ -84,8 +84,7 @@ def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     objects, times, total = (lay_out(table, layout) for table in tables)
     said = (RECALL, bop_words(summary), calibration_words(summary), false_alarm_words(summary))
     recall, *words = (prose(sentence, layout) for sentence in (*said, timing_words(summary)))
-    parts = [recall, objects, *words[:-1], times, words[-1], total]
-    return "\n\n".join(filter(None, parts))
+    return "\n\n".join(filter(None, [recall, objects, *words[:-1], times, words[-1], total]))
 
 
 def objects_table(summary: Mapping[str, Any]) -> Table:

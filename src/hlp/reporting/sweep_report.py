@@ -167,8 +167,7 @@ def _grid(sweep: Sweep) -> "Figure":
         axes = recalls.index, recalls.columns
         marked = tuple(axis.get_loc(value) for axis, value in zip(axes, of_default, strict=True))
     named = [*recalls.index], [*recalls.columns]
-    title = textwrap.fill(sweep.verdict, 80)
-    return draw_heat_maps(maps, *named, (across, down), title, marked)
+    return draw_heat_maps(maps, *named, (across, down), textwrap.fill(sweep.verdict, 80), marked)
 
 
 def log_sweeps(sweeps: Sequence[Sweep], written: Sequence[Path], tracker: MlflowRun) -> None:

@@ -88,8 +88,7 @@ LAYOUTS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Ta
 
 def lay_out(table: Table, layout: str) -> str:
     """The table in a layout of `LAYOUTS`; for a terminal `Table.parts` below each other."""
-    tables = table.parts() if layout == "text" else [table]
-    return "\n\n".join(map(LAYOUTS[layout], tables))
+    return "\n\n".join(map(LAYOUTS[layout], table.parts() if layout == "text" else [table]))
 
 
 def prose(words: str, layout: str) -> str:

@@ -59,8 +59,7 @@ def note_frame(
                 places = votes.rotations_cam_obj, votes.centroids_cam, target.pose_cam_obj
                 good.append(near_truth(*places, model, settings, _GOOD))
                 shown.append(visible_pixels(dataset.frames, frame, target, model))
-                counts = _count(frame, shown[-1], region, int(good[-1].sum()))
-                notes.append((target, counts))
+                notes.append((target, _count(frame, shown[-1], region, int(good[-1].sum()))))
         x, y = votes.pixels.astype(int).T
         on_object = np.any(shown, axis=0)[y, x]
         counted.append(VoteCounts.of(object_id, np.any(good, axis=0), votes.weights, on_object))

@@ -194,11 +194,8 @@ def with_failed_frames(
 
 def describe_failed(failed: Mapping[str, str]) -> list[dict[str, object]]:
     """`frames_failed` of `summary.json`: the frames and the reasons."""
-    described: list[dict[str, object]] = []
-    for key, reason in sorted(failed.items()):
-        scene_id, frame_id = parse_frame_key(key)
-        described.append({"scene_id": scene_id, "im_id": frame_id, "reason": reason})
-    return described
+    frames = ((*parse_frame_key(key), reason) for key, reason in sorted(failed.items()))
+    return [{"scene_id": scene, "im_id": image, "reason": why} for scene, image, why in frames]
 
 
 def say_failed(failed: Mapping[str, str], frames: int) -> None:

@@ -165,8 +165,7 @@ def distances_on_object(
 ) -> Float[np.ndarray, "k"]:
     """How far points are from a place on the object (m), or from one that looks the same."""
     places = transform(model.symmetries, place_obj[None])[:, 0]
-    apart = np.linalg.norm(points_obj[:, None] - places, axis=-1)
-    return np.asarray(apart.min(axis=1))
+    return np.asarray(np.linalg.norm(points_obj[:, None] - places, axis=-1).min(axis=1))
 
 
 def entry_patch(
@@ -179,8 +178,7 @@ def entry_patch(
     """
     points = transform(views.poses_cam_obj, codebook.points_obj[entry][None])[:, 0]
     along = np.swapaxes(allocentric_to_egocentric(points), -1, -2) @ views.poses_cam_obj[:, :3, :3]
-    apart = np.abs(along - codebook.rotations_cam_obj[entry]).max(axis=(1, 2))
-    view = int(apart.argmin())
+    view = int(np.abs(along - codebook.rotations_cam_obj[entry]).max(axis=(1, 2)).argmin())
     pixel = np.rint(project(points[view][None], views.camera_matrix)).astype(np.int64)
     return cut_view_patches(views, view, pixel, size, local, True)
 
@@ -257,8 +255,7 @@ def search_again(
         pose = choose_among_alike(Verifier(model, settings.verification), seen, pose)
         # The first refinement has the seed of the second search; later ones have larger ones.
         refiner, seed = settings.build(threads=1), int(refined.seeds[:, 0].min())
-        before = Refinement(pose, iterations)
-        refined_once_more = refiner.second_search(model, seen, before, seed)
+        refined_once_more = refiner.second_search(model, seen, Refinement(pose, iterations), seed)
         ends = (pose, refined_once_more.pose_cam_obj)
         if not any(np.array_equal(end, stored) for end in ends):
             return None

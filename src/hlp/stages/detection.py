@@ -100,8 +100,7 @@ class DetectionStages:
             missing = [stage for stage, (_, finished) in opened.items() if not finished]
             self.reused |= opened.keys() - {*missing} - self.made.keys()
             bar = " + ".join(missing) or "frames"
-            keys = self._process(folders, missing)
-            for key in Progress(keys, bar, len(self.keys), unit="frame"):
+            for key in Progress(self._process(folders, missing), bar, len(self.keys), unit="frame"):
                 if visit is not None:
                     self._visit(key, read_trace(folders, key), visit)
             for own in stacks.values():

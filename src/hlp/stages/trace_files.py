@@ -71,8 +71,7 @@ def write_trace(folder: Path, key: str, stage: Stage, trace: Trace) -> None:
     encode = {"regions": _region_arrays, "hypotheses": _coarse_arrays, "poses": _refined_arrays}
     arrays: Arrays = {}
     for object_id, found in trace.items():
-        fields = encode[stage](found)
-        arrays |= {f"{object_id}/{name}": values for name, values in fields.items()}
+        arrays |= {f"{object_id}/{name}": values for name, values in encode[stage](found).items()}
     write_arrays(folder, key, arrays)
 
 
@@ -112,8 +111,7 @@ def _region_arrays(found: ObjectTrace) -> Arrays:
 
 def _with_region(found: ObjectTrace, arrays: Arrays, object_id: int) -> ObjectTrace:
     height, width = arrays["shape"].tolist()
-    bits = np.unpackbits(arrays["mask"], count=height * width)
-    mask = bits.reshape(height, width).astype(bool)
+    mask = np.unpackbits(arrays["mask"], count=height * width).reshape(height, width).astype(bool)
     centers = arrays["centers"].astype(np.float64)
     return replace(found, region=Region(object_id, centers, arrays["probabilities"], mask))
 
@@ -163,7 +161,6 @@ def _with_refined(found: ObjectTrace, arrays: Arrays, _: int) -> ObjectTrace:
         return found
     poses = [Refinement(pose, 0) for pose in arrays["poses"]]
     costs, sources, seeds = (arrays[name] for name in ("costs", "sources", "seeds"))
-    chosen = tuple(arrays["instances"].tolist())
-    refined = RefinedHypotheses(poses, costs, sources, seeds, chosen)
+    refined = RefinedHypotheses(poses, costs, sources, seeds, tuple(arrays["instances"].tolist()))
     fits = tuple(PoseFit(*fit) for fit in arrays["fits"].tolist())
     return replace(found, refined=refined, fits=fits)

@@ -65,8 +65,7 @@ class BenchSettings(Settings):
                 TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
             frame = run.dataset.frames.load(keys[0])
             estimators, loaded, peak = _make_estimators(run, paths, store, frame)
-            detections = _measure(run, estimators, keys)
-            measured, verdicts = _summarise(run, self, keys, detections)
+            measured, verdicts = _summarise(run, self, keys, _measure(run, estimators, keys))
             result = {
                 "machine": machine,
                 "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),

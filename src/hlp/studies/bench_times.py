@@ -98,8 +98,7 @@ def _milliseconds(detections: Sequence[TimedDetection], clock: str) -> pd.DataFr
         for found in detections
     ]
     ids = [(own.estimate.scene_id, own.estimate.frame_id, own.place) for own in detections]
-    index = pd.MultiIndex.from_tuples(ids, names=["scene", "frame", "place"])
-    table = pd.DataFrame(rows, index)
+    table = pd.DataFrame(rows, pd.MultiIndex.from_tuples(ids, names=["scene", "frame", "place"]))
     stages = {
         f"stage {stage}": table[[part for part, of in PARTS.items() if of == stage]].sum(axis=1)
         for stage in dict.fromkeys(PARTS.values())

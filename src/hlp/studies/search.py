@@ -87,8 +87,7 @@ class SearchSettings(Settings):
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder / "study.lock", f"another process works on the search in {folder}"):
             study = _open(folder, run.settings.seed, own)
-            resumed = study.user_attrs.get(_RUN_ID)
-            with study_run(run, output, resumed) as (_, tracker):
+            with study_run(run, output, study.user_attrs.get(_RUN_ID)) as (_, tracker):
                 study.set_user_attr(_RUN_ID, tracker.run_id)
                 while len(_trials(study, folder)) < self.trials:
                     _try(study, run, self, space, folder, tracker.run_id)

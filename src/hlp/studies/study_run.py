@@ -80,8 +80,7 @@ def stage_of_frames(
     settings = {**decided, "keys": list(keys)}
 
     def make(folder: Path) -> None:
-        words = f"{study} of {label}" if label else study
-        for key in Progress(keys, desc=words, unit="frame"):
+        for key in Progress(keys, desc=f"{study} of {label}" if label else study, unit="frame"):
             if not has_arrays(folder, key):
                 write_arrays(folder, key, find(run.dataset.frames.load(key)))
 

@@ -261,8 +261,7 @@ def _extents(config: DictConfig, swept: Mapping[str, Override]) -> list["forecas
             own = OmegaConf.merge(config, {"data": {"root": root}}).data
             values = cast(dict[str, Any], OmegaConf.to_container(own, resolve=True))
             with suppress(HlpError, FileNotFoundError):  # its run says what is wrong
-                settings = read_settings(BopSettings, values, "data")
-                found.append(extent_of(settings, config.frames))
+                found.append(extent_of(read_settings(BopSettings, values, "data"), config.frames))
     return found
 
 

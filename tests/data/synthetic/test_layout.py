@@ -51,8 +51,7 @@ def test_occluders_stand_between_targets_and_the_eye() -> None:
     # The line of sight to the target's middle meets the tree's crown, give or take.
     share = (second.center[0] - target[0].center[0]) / sight[0]
     height = target[0].pose_world_obj[2, 3] + share * sight[2]
-    top = points_of(second)[:, 2].max()
-    assert height - 0.06 < top < height + 0.15
+    assert height - 0.06 < points_of(second)[:, 2].max() < height + 0.15
     assert third.object_id == 0
 
 

@@ -58,8 +58,7 @@ def test_bowl_is_symmetric_under_every_listed_motion_and_says_so_finely() -> Non
     np.testing.assert_array_equal(bowl.symmetries[0], np.eye(4))
     for motion in bowl.symmetries[[1, 7, 45, 90, 179]]:
         assert turned_distance(bowl, motion).max() < 1e-9
-    half_way = turns_about_z(360)[1]
-    assert turned_distance(bowl, half_way).max() > 1e-4
+    assert turned_distance(bowl, turns_about_z(360)[1]).max() > 1e-4  # half way
     steps = np.einsum("nij,nij->n", bowl.symmetries[:-1, :3, :3], bowl.symmetries[1:, :3, :3])
     np.testing.assert_allclose(np.arccos((steps - 1) / 2), np.radians(2), atol=1e-6)
 

@@ -204,9 +204,8 @@ def search_points(result: Mapping[str, Any]) -> "Figure":
     times, recalls = zip(*points, strict=True)
     ax.scatter(times, recalls, 26, colors, zorder=3)
     if best is not None:
-        words = f"best within the limit: trial {best['trial']}"
         ax.plot(best["time_ms"], best["recall"], "*", color="#d55e00", markersize=14, zorder=4,
-                label=words)  # fmt: skip
+                label=f"best within the limit: trial {best['trial']}")  # fmt: skip
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure
 

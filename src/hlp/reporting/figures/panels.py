@@ -57,8 +57,7 @@ def write_picture(path: Path, image: Rgb, jpeg_quality: int = JPEG_QUALITY) -> N
 
 def draw_region(rgb: Rgb, mask: Mask) -> Rgb:
     """The picture with the region outlined and everything outside it darkened."""
-    picture = np.where(mask[..., None], rgb, rgb // 3).astype(np.uint8)
-    return outline(picture, mask, REGION_COLOR)
+    return outline(np.where(mask[..., None], rgb, rgb // 3).astype(np.uint8), mask, REGION_COLOR)
 
 
 def draw_patches(rgb: Rgb, pixels: Positions) -> Rgb:

@@ -36,10 +36,9 @@ def viewpoint_figure(views: Views, name: str) -> "Figure":
         axes.set(
             xlabel="x", ylabel="y", xticks=[-1, 0, 1], yticks=[-1, 0, 1], zticks=[], aspect="equal"
         )
-    turns = len(views) / len(points)
     figure.suptitle(
         f"Where the views of {name} are rendered from: {len(points)} viewpoints,"
-        f" {turns:.3g} turns of the camera at each"
+        f" {len(views) / len(points):.3g} turns of the camera at each"
     )
     return figure
 
