@@ -17,7 +17,8 @@ STEPS = 16
 NO_EDGE = -1
 _BLUR = 1.0  # px
 _PART, _PLAIN = 16, 0.1  # px of a part of the image; share of the parts that is plain (D)
-_NOISE = 3.0  # times the gradient of noise; a larger one is an edge (D)
+_USUAL = 1.25  # gradient of noise: rendered scenes, by which scores are learnt, have less (D)
+_NOISE = 6.0  # times what noise has beyond this: a larger gradient is an edge (D)
 _LONG = 16  # pixels that touch; fewer are no outline (D)
 _LEAST = 0.04  # of a gradient: difference of the colours' logarithms between neighbouring pixels
 _ZERO = np.float32(0.0)
@@ -28,13 +29,15 @@ LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(20.0))
 def color_edges(rgb: Rgb) -> Int8[np.ndarray, "h w"]:
     """Direction of the gradient at the edges of a colour image, `NO_EDGE` elsewhere.
 
-    Cameras are noisy in poor light: what noise may cause is no edge.
+    In poor light cameras are noisy: what more noise than usual may cause, and specks, are none.
     """
-    return edges(LOGARITHMS[rgb], _LEAST, _NOISE * noise_gradient(rgb))
+    noise = _NOISE * max(noise_gradient(rgb) - _USUAL, 0.0)
+    found = edges(LOGARITHMS[rgb], _LEAST, noise)
+    return long_edges(found) if noise > 0.0 else found
 
 
 def long_edges(edges: Int8[np.ndarray, "h w"]) -> Int8[np.ndarray, "h w"]:
-    """Edges that may be outlines: without specks, as noise and texture have them."""
+    """Edges that may be outlines: without specks, as noise has them."""
     found = (edges != NO_EDGE).view(np.uint8)
     _, group, measured, _ = cv2.connectedComponentsWithStats(found)
     long = measured[:, cv2.CC_STAT_AREA] >= _LONG

@@ -17,7 +17,7 @@ from jaxtyping import Float32, Int8
 
 from hlp.arrays import CameraMatrix, Flags, Image, Mask, Pose, Poses, Rgb, Values
 from hlp.geometry import transform
-from hlp.image_edges import NO_EDGE, STEPS, color_edges, long_edges
+from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.object_depth import ObjectDepth
@@ -154,7 +154,7 @@ def observe(
         ratio = np.float32(settings.tau_edge_mm / settings.tau_image_edge_mm)
         # An edge may be of each of the kernel's directions that is at most 34° off.
         away = (np.arange(STEPS) - np.arange(0, STEPS, STEPS // DIRECTIONS)[:, None]) % STEPS
-        near, edges = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION, long_edges(find_edges(rgb))
+        near, edges = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION, find_edges(rgb)
         of_color = [ratio * _distances((edges != NO_EDGE) & among[edges]) for among in near]
         distances = np.minimum(distance, np.stack(of_color))
     return Observation(

@@ -9,7 +9,7 @@ from functools import cache, cached_property, partial
 import numpy as np
 
 from hlp.arrays import Mask, Pixels, Pose, Positions, Values, derive_seed
-from hlp.image_edges import color_edges, long_edges
+from hlp.image_edges import color_edges
 from hlp.method.find.frame_fits import FrameFits
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMatching
@@ -55,7 +55,7 @@ class FrameContext:
         self.barren: dict[int, Mask] = defaultdict(partial(np.zeros_like, self.frame.depth, bool))
         rgb = self.frame.rgb  # without `self`, so that a frame's memory is free with the context
         self.color_edges = found = cache(lambda: color_edges(rgb))
-        self.near_edges = cache(lambda reach: spread_edges(long_edges(found()), reach))
+        self.near_edges = cache(lambda reach: spread_edges(found(), reach))
 
     @cached_property
     def observation(self) -> Observation:
