@@ -168,7 +168,7 @@ ui: $(STAMP) ## browse the runs in MLflow
 SHOWN := build/screenshots
 screenshots: docs ## what is seen first, in build/screenshots/pictures; docs/assets anew (needs Chromium and its driver)
 	@$(BIN)/hlp run work=$(SHOWN)/work output=$(SHOWN)/run
-	@$(BIN)/hlp -m refinement.particles=10,25,50 score.scenes=0 frames=8 panels=1 work=$(SHOWN)/work output=$(SHOWN)/sweep
+	@$(BIN)/hlp -m refinement.particles=10,25,50 frames=8 panels=1 work=$(SHOWN)/work output=$(SHOWN)/sweep
 	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=$(SHOWN)/pictures
 	@for each in docs/assets/*.jpg; do cp $(SHOWN)/pictures/$${each##*/} docs/assets 2>/dev/null || true; done
 

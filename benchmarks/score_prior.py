@@ -1,9 +1,9 @@
-"""Fits the score's weights of objects in general: `PRIOR` in hlp/refinement/score_model.py.
+"""Fits the score's weights of objects in general: priors in hlp/refinement/score_model.py.
 
     python benchmarks/score_prior.py --scenes 30 learnt/board learnt/cup learnt/mustard
 
 Every object of the learnt folders (`Detector.learn`) is searched in rendered scenes. Printed are
-the weights for all of them, and those of each object by itself.
+the weights of each object by itself, those for all with colours and those for all without.
 """
 
 import argparse
@@ -16,10 +16,11 @@ from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.score_calibration import search_scenes
 from hlp.method.settings import FindSettings
-from hlp.refinement.score_model import ScoreModel, fit_score_model
+from hlp.refinement.score_model import ScoreModel, fit_score_model, prior_of
 
 _SEED = 1  # not that of learning
 _FREE = ScoreModel(bias=100.0, cost=1000.0, shape=100.0)  # hardly any prior
+_COLORLESS_FREE = replace(_FREE, edge=1000.0, hidden=100.0)
 
 
 def main() -> None:
@@ -28,7 +29,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=30, help="for each object")
     parser.add_argument("folders", type=Path, nargs="+", help="folders of learnt objects")
     given = parser.parse_args()
-    everything = []
+    everything: dict[bool, list] = {True: [], False: []}
     for folder in given.folders:
         learnt = LearntFolder(folder)
         estimator = PoseEstimator(learnt, FindSettings.of(replace(learnt.settings, seed=_SEED)))
@@ -36,15 +37,17 @@ def main() -> None:
             answers = list(
                 search_scenes(estimator, object_id, (), given.scenes, learnt.settings.rendering)
             )
-            everything += answers
-            _print(f"{folder.name} {model.name}", answers)
-    _print("all", everything)
+            everything[model.mesh.colored] += answers
+            _print(f"{folder.name} {model.name}", answers, model.mesh.colored)
+    for colored, answers in everything.items():
+        _print("with colours" if colored else "without colours", answers, colored)
 
 
-def _print(name: str, answers: list) -> None:
+def _print(name: str, answers: list, colored: bool) -> None:
     fits = [fit for fit, _ in answers]
-    right = np.array([each for _, each in answers])
-    found = fit_score_model(fits, right, _FREE)
+    right = np.array([each for _, each in answers], dtype=bool)
+    spread = _FREE if colored else _COLORLESS_FREE
+    found = fit_score_model(fits, right, prior_of(colored), spread)
     print(f"{name:24s} {len(fits):4d} answers, {right.mean():.2f} right: {found}", flush=True)
 
 

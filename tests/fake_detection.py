@@ -86,8 +86,8 @@ class FakeTraining:
     def codebook(self, object_id: int) -> Output:
         return Output(f"codebook {object_id}", Path("codebook"))
 
-    def score(self, object_id: int) -> Output:
-        return Output(f"score {object_id}", Path("score"))
+    def has_own_score(self, object_id: int) -> bool:
+        return False
 
     def load_score_model(self, object_id: int) -> ScoreModel:
         return PRIOR

@@ -81,7 +81,7 @@ def test_learning_ends_with_the_same_files(tmp_path):
     for model in demo_objects().values():
         if model.name in ("bear", "can"):
             write_mesh(tmp_path, model)
-    command = ("learn", "mesh=bear.ply,can.ply", *LEARNING)
+    command = ("learn", "mesh=bear.ply,can.ply", "colors=false", *LEARNING)
     succeed(tmp_path, *command, "output=whole")
     stop_everywhere(tmp_path, LEARNING_PLACES, (*command, "output=last"), "last.partial/**/*")
     again = run_hlp(tmp_path, *command, "output=last")  # at the last place all is there

@@ -13,8 +13,8 @@ from hlp.errors import DataError, MissingFileError
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import (
     COLORLESS_PRIOR,
-    COLORLESS_SPREAD,
     PRIOR,
+    SPREAD,
     ScoreModel,
     dullness_evidence,
     fit_score_model,
@@ -126,12 +126,13 @@ def test_weights_are_the_minimum_of_the_penalised_likelihood():
     def loss(w):
         p = 1.0 / (1.0 + np.exp(-x @ w))
         likelihood = (weight * np.log(np.where(right, p, 1.0 - p))).sum()
-        return float(-likelihood + 0.5 * np.square((w - prior) / COLORLESS_SPREAD.weights()).sum())
+        return float(-likelihood + 0.5 * np.square((w - prior) / SPREAD.weights()).sum())
 
     expected = minimize(loss, prior, method="Nelder-Mead", options=OPTIONS)
-    found = fit_score_model(fits, right, COLORLESS_PRIOR, COLORLESS_SPREAD)
+    found = fit_score_model(fits, right)
     np.testing.assert_allclose(found.weights(), expected.x, rtol=2e-3)
-    fixed = fit_score_model(fits, right)  # a weight without a spread stays
+    spread = ScoreModel(0.5, 3.0, 0.3)
+    fixed = fit_score_model(fits, right, PRIOR, spread)  # a weight without a spread stays
     assert fixed.edge == PRIOR.edge and fixed.hidden == PRIOR.hidden
 
 
@@ -150,8 +151,8 @@ def test_a_better_fit_never_has_a_lower_score():
 
 def test_poses_of_one_kind_teach_nothing():
     fits, _ = drawn(10, PRIOR, 3)
-    assert fit_score_model(fits, np.zeros(10, dtype=bool)) == PRIOR
-    assert fit_score_model([], np.zeros(0, dtype=bool)) == PRIOR
+    assert fit_score_model(fits, np.zeros(10, dtype=bool)) == COLORLESS_PRIOR
+    assert fit_score_model([], np.zeros(0, dtype=bool)) == COLORLESS_PRIOR
 
 
 def test_weights_come_back_from_a_file_and_a_damaged_one_is_named(tmp_path):
@@ -233,10 +234,10 @@ def test_colours_do_not_count_for_an_object_that_is_known_to_be_there():
     assert told[0] == told[1] > PRIOR.score(agreeing)
 
 
-def test_without_scenes_the_score_is_that_of_any_object_with_or_without_colours():
+def test_objects_with_colours_and_all_without_scenes_have_the_score_of_any_object():
     meshes = {1: SimpleNamespace(colored=True), 2: SimpleNamespace(colored=False)}
     models = {i: SimpleNamespace(mesh=mesh) for i, mesh in meshes.items()}
     settings = SimpleNamespace(score=SimpleNamespace(scenes=0))
-    stages = SimpleNamespace(settings=settings, models=models)
+    stages = SimpleNamespace(settings=settings, models=models, has_own_score=lambda _: False)
     found = [TrainingStages.load_score_model(stages, i) for i in models]
     assert found == [PRIOR, COLORLESS_PRIOR]

@@ -47,8 +47,14 @@ def fake():
 @pytest.fixture(scope="module")
 def dataset():
     built = run_settings().data.build()
-    some = {i: built.models[i] for i in sorted(built.models)[:2]}
+    models = {i: built.models[i] for i in sorted(built.models)[:2]}
+    some = {i: dataclasses.replace(m, mesh=plain(m.mesh)) for i, m in models.items()}
     return dataclasses.replace(built, models=some, target_ids=tuple(some))
+
+
+def plain(mesh):
+    """Without colours: such objects have scores of their own."""
+    return dataclasses.replace(mesh, colored=False)
 
 
 def names(settings, dataset, keys=KEYS):

@@ -85,21 +85,3 @@ def test_a_group_without_keys_of_its_own_is_named_by_its_file() -> None:
     given = ["ladder=patience", "refinement=gentle", "seed=1"]
     values = sweep._swept_values(config, given, ["ladder", "refinement", "seed"])
     assert values == {"ladder": "patience", "refinement": "gentle", "seed": "1"}
-
-
-@pytest.mark.parametrize(
-    ("overrides", "swept", "scenes"),
-    [
-        (["refinement.particles=5"], ["refinement.particles"], 0),
-        (["refinement.particles=5", "score.scenes=36"], ["refinement.particles"], 36),
-        (["refinement.particles=5", "data=cup"], ["refinement.particles", "data"], 36),
-        ([], [], 36),
-    ],
-)
-def test_scores_are_not_calibrated_for_each_refinement_unless_asked(
-    overrides: list[str], swept: list[str], scenes: int, caplog: pytest.LogCaptureFixture
-) -> None:
-    config = OmegaConf.create({"score": {"scenes": 36}})
-    sweep._share_scores(config, overrides, swept)
-    assert config.score.scenes == scenes
-    assert ("score.scenes=36 asks for that" in caplog.text) == (scenes == 0)

@@ -90,8 +90,8 @@ class ScoreSettings(Settings):
         WholeNumber,
         Le(100_000),
         Doc(
-            "rendered scenes on which each object is searched while it is learnt, some of them "
-            "without it; 0: one score for all objects (D)"
+            "rendered scenes on which each object without colours is searched while it is learnt, "
+            "some of them without it; 0: one score for all (D)"
         ),
     ] = 36
 

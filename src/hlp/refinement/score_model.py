@@ -1,8 +1,9 @@
 """The score of a pose: the probability that it is right, by logistic regression on its fit.
 
-A pose is right if its ADD-S is below a tenth of the object's diameter. The weights of an object
-are fitted to poses whose truth is known, and are drawn to `PRIOR`, which was fitted to poses of
-many objects: a few dozen scenes tell where an object's own scale lies, not all of it. Colours that
+A pose is right if its ADD-S is below a tenth of the object's diameter. Objects with colours share
+their weights, `PRIOR`: those of single ones hardly differ. The weights of an object without colours
+are fitted to poses whose truth is known, and are drawn to `COLORLESS_PRIOR`, which was fitted to
+poses of many objects: a few dozen scenes tell where its own scale lies, not all of it. Colours that
 contradict the object's lower the score by a fixed rule, which is no part of the fit: rendered
 colours agree better than a camera's, so rendered scenes cannot say by how much. So does an image
 that cuts the object off, because in rendered scenes it lies well inside.
@@ -159,9 +160,8 @@ RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9
 """The same where the object is known to be in the image: ours (D)."""
-SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
-"""Standard deviations of an object's weights from `PRIOR`; a weight without any is fixed."""
-COLORLESS_SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
+SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
+"""Standard deviations of the weights of an object without colours from `COLORLESS_PRIOR`."""
 
 
 def probabilities(logits: Values) -> Values:
@@ -193,14 +193,17 @@ def dullness_evidence(fit: PoseFit) -> float:
 
 
 def fit_score_model(
-    fits: Sequence[PoseFit], right: Flags, prior: ScoreModel = PRIOR, spread: ScoreModel = SPREAD
+    fits: Sequence[PoseFit],
+    right: Flags,
+    prior: ScoreModel = COLORLESS_PRIOR,
+    spread: ScoreModel = SPREAD,
 ) -> ScoreModel:
     """The most probable weights, given poses that are right or not, and their prior.
 
     Maximum a posteriori with independent normal priors about `prior`, of standard deviations
-    `spread`; all but the bias are bounded by 0. Right poses have `RIGHT_SHARE` of the weight,
-    whatever their number: that of the scenes says nothing about where the object will be looked
-    for. Without right or without wrong poses it is the prior.
+    `spread`; a weight without any is fixed, all but the bias are bounded by 0. Right poses have
+    `RIGHT_SHARE` of the weight, whatever their number: that of the scenes says nothing about where
+    the object will be looked for. Without right or without wrong poses it is the prior.
     """
     from scipy.optimize import minimize  # takes as long to import as finding an object
 

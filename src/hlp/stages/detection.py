@@ -154,7 +154,7 @@ class DetectionStages:
             return find.regions.named() | {"sizes": sizes}, inputs, [load_classifier.__module__]
         inputs = {f"model_{i}": self.dataset.model_identities[i] for i in objects}
         if stage == "poses":
-            calibrated = objects if self.settings.score.scenes > 0 else ()
+            calibrated = filter(training.has_own_score, objects)
             inputs |= {f"score_{i}": training.score(i).fingerprint for i in calibrated}
             return find.fine.named(), inputs, [type(find.fine.refinement).__module__]
         inputs |= {f"codebook_{i}": training.codebook(i).fingerprint for i in objects}

@@ -197,8 +197,12 @@ class TrainingStages:
     def search_folder(self, object_ids: Sequence[int]) -> None:
         """None: a codebook's fingerprint excludes the search's settings, so none is stored."""
 
+    def has_own_score(self, object_id: int) -> bool:
+        """Whether the score of an object's poses is calibrated: only of one without colours."""
+        return self.settings.score.scenes > 0 and not self.models[object_id].mesh.colored
+
     def score(self, object_id: int) -> Output:
-        """The score of one object's poses, calibrated on rendered scenes."""
+        """The score of the poses of one object that has its own, calibrated on rendered scenes."""
         stage, model = ScoreStage.of(self.settings), self.models[object_id]
         sizes, device = [model.holistic_size, model.local_size], stage.find.machine.device
         settings = {**stage.named(), "sizes": sizes, "device": device_name(device)}
@@ -223,10 +227,10 @@ class TrainingStages:
         return self._make_once("score", object_id, description, make)
 
     def load_score_model(self, object_id: int) -> ScoreModel:
-        """The score of one object's poses, from disk."""
-        if self.settings.score.scenes == 0:
-            return prior_of(self.models[object_id].mesh.colored)
-        return load_score_model(self.score(object_id).folder)
+        """The score of one object's poses, from disk if it has its own."""
+        if self.has_own_score(object_id):
+            return load_score_model(self.score(object_id).folder)
+        return prior_of(self.models[object_id].mesh.colored)
 
     def _make_once(
         self, stage: str, object_id: int, description: Description, make: Callable[[Path], None]

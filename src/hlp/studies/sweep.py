@@ -131,9 +131,7 @@ def run_one(config: DictConfig) -> None:
         raise MissingFileError(f"no {SWEEP} in {hydra.sweep.dir}: the sweep could not be opened")
     if os.getppid() == sweep.get("process"):  # a launcher's worker on this machine
         ends_with(os.getppid())
-    overrides = list(hydra.overrides.task)
-    _share_scores(config, overrides, sweep["swept"])
-    swept = _swept_values(config, overrides, sweep["swept"])
+    swept = _swept_values(config, hydra.overrides.task, sweep["swept"])
     chosen = chosen_by_hydra()
     name = short_name(swept, chosen.groups, config.name)
     place = f"{hydra.job.num}: {' '.join(f'{key}={value}' for key, value in swept.items())}"
@@ -149,19 +147,6 @@ def run_one(config: DictConfig) -> None:
             return
         run.settings.task.run(run, output)
     say_forecast(sweep["extents"], output.parent, Path(config.work))
-
-
-def _share_scores(config: DictConfig, overrides: Sequence[str], swept: Sequence[str]) -> None:
-    """One score for all objects where only the refinement is swept and no override names `score`.
-
-    Calibrating it anew would take longer than the refinement, for every run.
-    """
-    if any(word.lstrip("+~").startswith("score") for word in overrides):
-        return
-    if swept and all(key.startswith("refinement") for key in swept) and config.score.scenes:
-        asked = f"score.scenes={config.score.scenes}"
-        _logger.warning("scores are not calibrated for each refinement: %s asks for that", asked)
-        config.score.scenes = 0
 
 
 def _has_data(config: DictConfig) -> bool:

@@ -16,13 +16,7 @@ from hlp.method.learn.calibration_scenes import calibration_scene
 from hlp.progress import Progress
 from hlp.records import Frame
 from hlp.refinement.pose_fit import PoseFit
-from hlp.refinement.score_model import (
-    COLORLESS_SPREAD,
-    SPREAD,
-    ScoreModel,
-    fit_score_model,
-    prior_of,
-)
+from hlp.refinement.score_model import PRIOR, ScoreModel, fit_score_model
 from hlp.rendering.views import ViewsSettings
 
 _RIGHT = 0.1  # of the diameter: ADD-S of a right pose is less
@@ -41,14 +35,15 @@ def calibrate_score(
 ) -> ScoreModel:
     """Search an object in `scenes` rendered ones, and fit the score to what is right there.
 
-    Some scenes are without the object. The estimator must have learnt it. Without scenes the score
-    is that of an object of which nothing is known.
+    Some scenes are without the object. The estimator must have learnt it. All objects with colours
+    have one score (`PRIOR`), which such a fit hardly changes. Without scenes an object without
+    colours has that of one of which nothing is known.
     """
+    if estimator.learnt.models[object_id].mesh.colored:
+        return PRIOR
     found = list(search_scenes(estimator, object_id, backgrounds, scenes, rendering))
-    colored = estimator.learnt.models[object_id].mesh.colored
-    prior, spread = prior_of(colored), SPREAD if colored else COLORLESS_SPREAD
     right = np.array([is_right for _, is_right in found], dtype=bool)
-    return fit_score_model([fit for fit, _ in found], right, prior, spread)
+    return fit_score_model([fit for fit, _ in found], right)
 
 
 def search_scenes(
