@@ -47,14 +47,11 @@ def fake():
 @pytest.fixture(scope="module")
 def dataset():
     built = run_settings().data.build()
-    models = {i: built.models[i] for i in sorted(built.models)[:2]}
-    some = {i: dataclasses.replace(m, mesh=plain(m.mesh)) for i, m in models.items()}
+    models = [built.models[i] for i in sorted(built.models)[:2]]
+    plain = [dataclasses.replace(m.mesh, colored=False) for m in models]  # with own scores
+    found = zip(models, plain, strict=True)
+    some = {m.object_id: dataclasses.replace(m, mesh=mesh) for m, mesh in found}
     return dataclasses.replace(built, models=some, target_ids=tuple(some))
-
-
-def plain(mesh):
-    """Without colours: such objects have scores of their own."""
-    return dataclasses.replace(mesh, colored=False)
 
 
 def names(settings, dataset, keys=KEYS):

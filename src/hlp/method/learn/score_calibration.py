@@ -35,9 +35,8 @@ def calibrate_score(
 ) -> ScoreModel:
     """Search an object in `scenes` rendered ones, and fit the score to what is right there.
 
-    Some scenes are without the object. The estimator must have learnt it. All objects with colours
-    have one score (`PRIOR`), which such a fit hardly changes. Without scenes an object without
-    colours has that of one of which nothing is known.
+    Some scenes are without the object. The estimator must have learnt it. Objects with colours
+    share one score, which such a fit hardly changes; without scenes so do those without.
     """
     if estimator.learnt.models[object_id].mesh.colored:
         return PRIOR
