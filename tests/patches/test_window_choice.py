@@ -166,16 +166,13 @@ def test_squares_of_a_few_places_at_a_time():
     y, x = np.nonzero(second.mask)
     assert (x.min(), x.max(), y.min(), y.max()) == (4, 16, 4, 16)
     assert first.mask.sum() == 2 * 169 and first.mask[10, 40] and first.mask[50, 70]
-    few = CloserLookSettings(places=3, places_at_once=1, side=1.0)
-    one, rest = likely_regions(region, np.full(3, 6.0), few, False, True)  # probably absent
-    assert one.mask[10, 40] and (one.mask.sum(), rest.mask.sum()) == (169, 2 * 169)
 
 
 def test_as_many_places_as_asked_for():
     region, radii = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.1]), np.full(3, 6.0)
-    for most, known, colored, found in [(None, 1, 1, 0), (1, 1, 0, 1), (3, 0, 0, 2), (1, 1, 1, 3)]:
+    for most, known, all_, found in [(None, 1, 1, 0), (1, 1, 0, 1), (3, 0, 0, 2), (1, 1, 1, 3)]:
         settings = CloserLookSettings(places=most, places_at_once=1)
-        assert len([*likely_regions(region, radii, settings, known, colored)]) == found
+        assert len([*likely_regions(region, radii, settings, known, all_)]) == found
 
 
 def test_of_a_large_region_the_likeliest_windows_come_first():

@@ -86,16 +86,6 @@ def test_fewer_are_refined_of_an_object_that_may_be_absent(scene, verification, 
     assert [len(choose(*given, early_score=s).refined) for s in (None, surely)] == [18, 8]
 
 
-def test_after_two_that_were_given_up_no_more_are_refined(scene, verification, poses):
-    """In a further look not even those if they cost much, as they do where the object is absent."""
-    never, costly = ScoreModel(-9.0, 0.0, 0.0), np.stack([disturbed(scene, 90, 60, seed=3)] * 4)
-    assert costs_of(scene, verification, costly[:1])[0] > 0.37
-    of = scene, verification, Recorder()
-    for given, most in ((poses, None), (costly, None), (poses, 4)):
-        assert len(choose(*of, given, 6, 1.0, most=most, early_score=never).refined) == 2
-    assert choose(*of, costly, 6, 1.0, most=4, early_score=never) is None
-
-
 def test_hypotheses_that_cost_far_more_are_not_refined(scene, verification, poses):
     costs = np.sort(costs_of(scene, verification, poses))
     apart = costs[2] - costs[0]

@@ -158,9 +158,7 @@ class CloserLookSettings(Settings):
             "the object is known to be there and has colours (D); null: none (P)"
         ),
     ] = 12
-    places_at_once: Annotated[
-        Count, Doc("places that are searched at once (D); then the rest, if it may be absent")
-    ] = 3
+    places_at_once: Annotated[Count, Doc("places that are searched at once (D)")] = 3
     side: Annotated[
         Positive, Doc("side, in diameters, of the square around a place that is searched (D)")
     ] = 1.2
@@ -202,20 +200,18 @@ def first_region(
 
 
 def likely_regions(
-    region: Region, radii: Values, settings: CloserLookSettings, known: bool, colored: bool
+    region: Region, radii: Values, settings: CloserLookSettings, known: bool, everywhere: bool
 ) -> Iterator[Region]:
     """Regions of a few places each, the likeliest places first.
 
-    `known`: the object is in the image, so that less likely places count, too, and of one that is
-    `colored` all of them. If it is not known, all but the first few are searched at once: it is
-    hardly there. `radii` are half its diameter in pixels, at the depth of each of the windows.
+    `known`: the object is in the image, so that less likely places count, too; `everywhere`: there
+    is no limit to their number. `radii` are half the object's diameter in pixels, at the depth of
+    each of the region's windows.
     """
-    most = len(radii) if known and colored and settings.places else settings.places or 0
+    most = len(radii) if everywhere and settings.places else settings.places or 0
     rows = likely_places(region, radii, most, _LEAST if known else _LEAST_UNKNOWN)
-    step, rest_at_once = settings.places_at_once, colored and not known
-    starts = range(0, len(rows), step)
-    for start in starts[:2] if rest_at_once else starts:
-        chosen = rows[start:] if start and rest_at_once else rows[start : start + step]
+    for start in range(0, len(rows), settings.places_at_once):
+        chosen = rows[start : start + settings.places_at_once]
         half_sides = radii[chosen] * settings.side
         mask = union_of_squares(region.centers[chosen], half_sides, region.mask.shape)
         yield replace(region, mask=mask)

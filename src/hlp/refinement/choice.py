@@ -22,7 +22,6 @@ _FURTHER = 4  # hypotheses refined for one more instance where their number is n
 _HOPELESS = 0.1  # if the best of the first two of these scores less, the others are left out
 _GIVEN_UP_SHARE = 0.03  # of min_score: a hypothesis that soon scores less is given up (D)
 _IF_THERE = 8  # hypotheses refined at first of an object with colours that may be absent (D)
-_UNLIKELY = 0.37  # verification cost of a coarse pose: in a further look, hardly any is right (D)
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 
@@ -86,10 +85,10 @@ class InstanceSearch:
     observation without what other objects explain already (None: they explain nothing). With a
     `score` of poses the number of instances is not known: one below `min_score` is the last, and a
     further one is given up early where the first poses are hopeless. With an `early_score`, fewer
-    are refined, one is given up whose shape soon scores hopelessly little, and no more are refined
-    after two of those. `known` are refinements of coarse poses of the object in the image, and
-    their seeds, by the pose's bytes: they are not made again, and new ones are added. `enter` is
-    called with each part that begins: refine, verify or second_search.
+    are refined, and one is given up whose shape soon scores hopelessly little. `known` are
+    refinements of coarse poses of the object in the image, and their seeds, by the pose's bytes:
+    they are not made again, and new ones are added. `enter` is called with each part that begins:
+    refine, verify or second_search.
     """
 
     refiner: Refiner
@@ -198,17 +197,9 @@ class InstanceSearch:
                 break
             if start > 0 and best is not None and self._is_hopeless(best):
                 break
-            if self._is_in_vain(start, coarse_costs[start]):
-                break
             rows = order[start : start + _BATCH]
             poses = self._refine_batch(rows)
             lowest, best = min((lowest, best), self._lowest_cost(poses), key=lambda each: each[0])
-
-    def _is_in_vain(self, start: int, coarse_cost: float) -> bool:
-        """Whether, of an object that may be absent, no further pose is likely to be right."""
-        if self.early_score is None or any(not refined.given_up for refined in self._refined):
-            return False
-        return start > 0 or (self.candidates is not None and coarse_cost > _UNLIKELY)
 
     def _keep_coarse(self, rows: Flags) -> None:
         """Keep some of the coarse poses that are not refined yet, in order of cost."""

@@ -162,8 +162,8 @@ class PoseEstimator:
         """Where else to look; at more places if the object is `known` to be in the image."""
         radii = self._radii(context.frame, region.centers, self.learnt.models[region.object_id])
         closer = self.settings.regions.closer_look
-        colored = not self.has_templates(region.object_id)
-        found = window_choice.likely_regions(region, radii, closer, known, colored)
+        everywhere = known and not self.has_templates(region.object_id)
+        found = window_choice.likely_regions(region, radii, closer, known, everywhere)
         inside = True if context.mask is None else context.mask
         parts = (replace(part, mask=part.mask & inside) for part in found)
         return (part for part in parts if part.mask.any())
