@@ -40,7 +40,8 @@ def main() -> None:
             everything[model.mesh.colored] += answers
             _print(f"{folder.name} {model.name}", answers, model.mesh.colored)
     for colored, answers in everything.items():
-        _print("with colours" if colored else "without colours", answers, colored)
+        if answers:
+            _print("with colours" if colored else "without colours", answers, colored)
 
 
 def _print(name: str, answers: list, colored: bool) -> None:

@@ -237,7 +237,8 @@ def test_colours_do_not_count_for_an_object_that_is_known_to_be_there():
 def test_objects_with_colours_and_all_without_scenes_have_the_score_of_any_object():
     meshes = {1: SimpleNamespace(colored=True), 2: SimpleNamespace(colored=False)}
     models = {i: SimpleNamespace(mesh=mesh) for i, mesh in meshes.items()}
-    settings = SimpleNamespace(score=SimpleNamespace(scenes=0))
-    stages = SimpleNamespace(settings=settings, models=models, has_own_score=lambda _: False)
-    found = [TrainingStages.load_score_model(stages, i) for i in models]
-    assert found == [PRIOR, COLORLESS_PRIOR]
+    stages = SimpleNamespace(settings=SimpleNamespace(score=SimpleNamespace()), models=models)
+    stages.has_own_score = own = partial(TrainingStages.has_own_score, stages)
+    for stages.settings.score.scenes, expected in ((36, [False, True]), (0, [False, False])):
+        assert [own(i) for i in models] == expected
+    assert [TrainingStages.load_score_model(stages, i) for i in models] == [PRIOR, COLORLESS_PRIOR]

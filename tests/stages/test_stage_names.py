@@ -49,8 +49,7 @@ def dataset():
     built = run_settings().data.build()
     models = [built.models[i] for i in sorted(built.models)[:2]]
     plain = [dataclasses.replace(m.mesh, colored=False) for m in models]  # with own scores
-    found = zip(models, plain, strict=True)
-    some = {m.object_id: dataclasses.replace(m, mesh=mesh) for m, mesh in found}
+    some = {m.object_id: dataclasses.replace(m, mesh=p) for m, p in zip(models, plain, strict=True)}
     return dataclasses.replace(built, models=some, target_ids=tuple(some))
 
 
