@@ -44,7 +44,7 @@ from hlp.runs.manifest import poses_digest
 SMALL = (
     *("encoder=pca", "codebook=inverted_lists", "classifier.epochs=3", "classifier.min_batches=0"),
     *("rendering.viewpoints=80", "rendering.in_plane_steps=5", "rendering.size_px=64"),
-    *("patches.pool.per_object=300", "patches.pool.backgrounds=300", "score.scenes=4"),
+    *("patches.pool.per_object=300", "patches.pool.backgrounds=300"),
     *("patches.pool.distractor_scenes=2", "patches.pairs.per_object=300", "voting.hypotheses=8"),
     *("refinement.particles=6", "refinement.iterations=4", "refinement.verification.candidates=2"),
 )
@@ -207,25 +207,23 @@ def large_codebook(learnt: Path, folder: Path, entries: int) -> None:
 
 
 def many_objects(learnt: Path, folder: Path, count: int) -> None:
-    """Load that many copies of a learnt object, each with its model, codebook and score."""
+    """Load that many copies of a learnt object, each with its model and codebook."""
     source = LearntFolder(learnt)
     name, object_id = next(iter(source.record.objects.items()))
     model, codebook = read_model(source.object_folder(object_id)), source.load_codebook(object_id)
-    score = (source.object_folder(object_id) / "score.json").read_bytes()
     objects = {f"{name}-{number}": number for number in range(1, count + 1)}
     for copy, number in objects.items():
         place = folder / "many" / "objects" / copy
         write_model(place, dataclasses.replace(model, object_id=number, name=copy))
         save_codebook(place, dataclasses.replace(codebook, object_id=number))
-        (place / "score.json").write_bytes(score)
     record = dataclasses.replace(source.record, objects=objects, classes=(), files={})
     write_record(folder / "many", record)
     before, begun = resident_mb(), time.perf_counter()
     many = LearntFolder(folder / "many")
     models = many.models
-    loaded = [(many.load_codebook(each), many.load_score_model(each)) for each in models]
+    loaded = [many.load_codebook(each) for each in models]
     seconds, memory = time.perf_counter() - begun, resident_mb() - before
-    entries = sum(len(each.features) for each, _ in loaded)
+    entries = sum(len(each.features) for each in loaded)
     print(f"{len(models)} objects, {entries} entries: {memory:.0f} MB, loaded in {seconds:.1f} s")
 
 

@@ -3,8 +3,8 @@
     python benchmarks/many_objects.py learn learnt/fifteen --objects 15 --method many_objects
     python benchmarks/many_objects.py find learnt/fifteen --asked 1 7 15 --frames 6
 
-`learn` learns that many random shapes that stand upright (960 views of each, no score of their
-own) and prints the seconds that an object takes. `find` renders frames of seven of them on a table,
+`learn` learns that many random shapes that stand upright (960 views of each)
+and prints the seconds that an object takes. `find` renders frames of seven of them on a table,
 and asks for as many objects as each of `--asked` says: those that are there first, then others. It
 prints the time of a frame beside that of the first number, how many of the objects that are there
 are right (ADD-S below a tenth of the diameter), false alarms, and the memory of the process.
@@ -35,7 +35,7 @@ from hlp.records import MILLIMETRE, Frame, Mesh, ObjectModel, Target
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
 
-SETTINGS = ("score.scenes=0", "patches.pool.per_object=500", "patches.pairs.per_object=500")
+SETTINGS = ("patches.pool.per_object=500", "patches.pairs.per_object=500")
 THERE = 7  # objects on the table
 _SHAPE = (480, 640)
 _RIGHT = 0.1  # of the diameter

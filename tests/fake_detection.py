@@ -17,7 +17,7 @@ from hlp.records import Frame, Hypotheses, Region, Target, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.refiner import Refinement
-from hlp.refinement.score_model import PRIOR, ScoreModel
+from hlp.refinement.score_model import COLORED, ScoreModel
 from hlp.stages.store import Output, StageStore
 
 OBJECTS = (3, 7)
@@ -86,12 +86,6 @@ class FakeTraining:
     def codebook(self, object_id: int) -> Output:
         return Output(f"codebook {object_id}", Path("codebook"))
 
-    def has_own_score(self, object_id: int) -> bool:
-        return False
-
-    def load_score_model(self, object_id: int) -> ScoreModel:
-        return PRIOR
-
 
 class FakeEstimator:
     """Stands for `PoseEstimator`. `asked` lists the steps, each with its frame and object.
@@ -101,6 +95,9 @@ class FakeEstimator:
 
     def has_templates(self, object_id: int) -> bool:
         return False
+
+    def score_model(self, object_id: int) -> ScoreModel:
+        return COLORED
 
     def __init__(self, *_: Any) -> None:
         self.asked: list[tuple[str, str, int]] = []

@@ -47,7 +47,7 @@ def compare_answers(
         answers = detector.detect(*image, list(names.values()), max_instances=1, min_score=0.0)
         found = {answer.object: answer for answer in answers}
         for object_id, name in names.items():
-            score = detection.training.load_score_model(object_id)
+            score = detection.estimator.score_model(object_id)
             estimate = estimates[frame.scene_id, frame.frame_id, object_id]
             poses, fits = _chosen(of_run[object_id])
             assert [estimate.score] == (score.scores(fits[:1], known_present=True) or [0.0])

@@ -10,7 +10,6 @@ from composed_settings import run_settings
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.settings import MethodSettings
 from hlp.records import ObjectModel
-from hlp.refinement.score_model import PRIOR
 
 MODELS = {model.name: model for model in demo_objects().values()}
 """The demo's objects by name."""
@@ -25,7 +24,6 @@ TINY = (
     "patches.pool.distractor_scenes=2",
     "patches.pairs.per_object=200",
     "classifier.epochs=3",
-    "score.scenes=2",
     "classifier.min_batches=0",
 )
 LEARNS_WELL = (
@@ -66,10 +64,9 @@ def write_meshes(folder: Path, *names: str) -> dict[str, Path]:
 
 
 def train_nothing(patch: pytest.MonkeyPatch, learnt: Path) -> None:
-    """Learning copies the classifier of a learnt folder and calibrates no score."""
+    """Learning copies the classifier of a learnt folder."""
 
     def copy(*given: object) -> None:
         shutil.copytree(learnt / "classifier", str(given[4]), dirs_exist_ok=True)
 
     patch.setattr("hlp.method.learn.learning.train_classifier", copy)
-    patch.setattr("hlp.method.learn.learning.calibrate_score", lambda *_: PRIOR)

@@ -38,7 +38,6 @@ TINY = (
     "patches.pairs.per_object=60",
     "classifier.epochs=1",
     "classifier.min_batches=0",
-    "score.scenes=0",
     "voting.hypotheses=12",
     "refinement.verification.candidates=4",
     "frames=2",

@@ -30,7 +30,7 @@ def test_the_sweep_runs_every_step_once_after_the_one_it_is_compared_with(steps)
 
 def test_it_goes_from_the_paper_to_the_letter_over_what_was_meant_to_our_best(steps):
     for name, method in (("literal", "paper_literal"), ("entries", "paper"), ("best", "hlp")):
-        expected = run_settings(*BOARD, f"method={method}", "score.scenes=0").method
+        expected = run_settings(*BOARD, f"method={method}").method
         assert steps[name].method == expected, name
 
 

@@ -30,7 +30,6 @@ PLACES = {
 
 LEARNING_PLACES = {
     **{name: PLACES[name] for name in ("views half written", "epoch", "network half written")},
-    "scenes of the score": ("hlp.method.learn.score_calibration", "search_scenes", 1),
     "record": ("hlp.method.learn.unfinished_folder", "write_record", 0),
     "renaming of the folder": ("hlp.method.learn.unfinished_folder", "_publish", 0),
     "folder in its place": ("hlp.method.learn.unfinished_folder", "_remove_markers", 0),

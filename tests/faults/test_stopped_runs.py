@@ -23,7 +23,7 @@ LEARNING = (
     *("encoder=pca", "rendering.viewpoints=24", "rendering.in_plane_steps=3"),
     *("rendering.size_px=64", "patches.pool.per_object=60", "patches.pool.backgrounds=60"),
     *("patches.pool.distractor_scenes=2", "patches.pairs.per_object=60", "classifier.epochs=2"),
-    *("classifier.min_batches=0", "score.scenes=2", "machine.threads=2"),
+    *("classifier.min_batches=0", "machine.threads=2"),
 )
 
 
@@ -81,7 +81,7 @@ def test_learning_ends_with_the_same_files(tmp_path):
     for model in demo_objects().values():
         if model.name in ("bear", "can"):
             write_mesh(tmp_path, model)
-    command = ("learn", "mesh=bear.ply,can.ply", "colors=false", *LEARNING)
+    command = ("learn", "mesh=bear.ply,can.ply", *LEARNING)
     succeed(tmp_path, *command, "output=whole")
     stop_everywhere(tmp_path, LEARNING_PLACES, (*command, "output=last"), "last.partial/**/*")
     again = run_hlp(tmp_path, *command, "output=last")  # at the last place all is there

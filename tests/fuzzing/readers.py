@@ -35,7 +35,6 @@ from hlp.method.learn.model_files import read_history
 from hlp.method.settings import MethodSettings
 from hlp.objects.meshes import load_mesh
 from hlp.records import PoseEstimate, TargetScore
-from hlp.refinement.score_model import PRIOR, load_score_model, save_score_model
 from hlp.reporting.page.report_data import ReportData, picture_path
 from hlp.reporting.summary_tables import format_summary, run_cells, waterfall_tables
 from hlp.reporting.sweeps import read_sweeps
@@ -297,7 +296,6 @@ def results(folder: Path) -> dict[str, list[Case]]:
     write_poses(folder / "poses.csv", poses)
     write_scores(folder / "scores.csv", scores, {2: "cat"})
     write_record(folder, LearntRecord({"cat": 1}, (1,), MethodSettings(), {"a": "0"}))
-    save_score_model(folder, PRIOR)
     StageStore(folder).get_or_make("views", NAME, lambda made: (made / "x").touch(), {"a": {}})
     content = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
     learnt, stage = content["learnt.json"], f"views/{NAME}/stage.json"
@@ -318,7 +316,6 @@ def results(folder: Path) -> dict[str, list[Case]]:
         "learnt.json": [
             case("learnt.json", learnt, read_record),
             case("learnt.json", learnt, read_record, resealed=True),
-            case("score.json", content["score.json"], load_score_model),
             case(stage, output, of_stage, beside=beside, named=NAME),
             case(stage, output, of_stage, beside=beside, named=NAME, resealed=True),
         ],

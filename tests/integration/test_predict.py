@@ -25,7 +25,7 @@ DRILL = 5
 TENTHS = 10_000.0  # of a millimetre, the unit of depth in files
 LOOKED_AT = (0, 2)  # frames in which the drill is near and in full view
 TINY = (
-    *(*LEARNS_WELL, "encoder=pca", "rendering.viewpoints=80", "score.scenes=6"),
+    *(*LEARNS_WELL, "encoder=pca", "rendering.viewpoints=80"),
     *("patches.pool.backgrounds=300", "machine.threads=2"),
 )
 FILES = {"model": "my drill.ply", "rgb": "rgb", "depth": "depth", "intrinsics": "camera.json"}

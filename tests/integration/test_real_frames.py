@@ -33,7 +33,6 @@ LESS_TINY = (
     "patches.pool.per_object=300",
     "patches.pool.backgrounds=300",
     "patches.pairs.per_object=300",
-    "score.scenes=4",
 )
 
 

@@ -21,7 +21,7 @@ from fake_detection import (
 from hlp.errors import DataError, MissingFileError
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.find.trace import STAGES, STEPS
-from hlp.refinement.score_model import MIN_SCORE, PRIOR
+from hlp.refinement.score_model import COLORED, MIN_SCORE
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
@@ -187,7 +187,7 @@ def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_p
             context = stages.estimator.prepare(frame)
             covered = stages.estimator.find_region(context, estimate.object_id).mask.sum()
             fit = context.fits.measure(estimate.object_id, estimate.pose_cam_obj)
-            assert [estimate.score] == PRIOR.scores([fit], known_present=True)
+            assert [estimate.score] == COLORED.scores([fit], known_present=True)
             np.testing.assert_array_equal(estimate.pose_cam_obj[:3, 3], [2.0, 0.0, covered])
         assert set(estimate.seconds) == set(STEPS)
         assert (estimate.seconds["local"], estimate.seconds["voting"]) == (0.25, 0.125)

@@ -23,7 +23,7 @@ CHOICES = (
     ("encoder=pca", "codebook=exact", "refinement=none", "rendering=pyrender", "trainer=gpu"),
 )
 KEYS = ("000000_000000", "000001_000000")
-ALL = {"views", "classifier", "encoder", "codebook", "score", "regions", "hypotheses", "poses"}
+ALL = {"views", "classifier", "encoder", "codebook", "regions", "hypotheses", "poses"}
 
 
 class NothingIsMade(StageStore):
@@ -47,9 +47,7 @@ def fake():
 @pytest.fixture(scope="module")
 def dataset():
     built = run_settings().data.build()
-    models = [built.models[i] for i in sorted(built.models)[:2]]
-    plain = [dataclasses.replace(m.mesh, colored=False) for m in models]  # with own scores
-    some = {m.object_id: dataclasses.replace(m, mesh=p) for m, p in zip(models, plain, strict=True)}
+    some = {i: built.models[i] for i in sorted(built.models)[:2]}
     return dataclasses.replace(built, models=some, target_ids=tuple(some))
 
 
@@ -59,8 +57,6 @@ def names(settings, dataset, keys=KEYS):
     training = TrainingStages(dataset, settings, store)
     stages = DetectionStages(dataset, settings, training, keys)
     stages.make("poses")
-    for object_id in dataset.target_ids:
-        training.score(object_id)
     made = {f"{stage} {i}": output.fingerprint for (stage, i), output in training.made.items()}
     return made | {stage: output.fingerprint for stage, output in stages.made.items()}
 
@@ -102,7 +98,7 @@ def with_other(settings, key):
     return one
 
 
-COARSE = {"score", "hypotheses", "poses"}
+COARSE = {"hypotheses", "poses"}
 RENAMED = {
     "seed": ALL,
     "rendering": ALL,
@@ -119,9 +115,8 @@ RENAMED = {
     "patches.grid": COARSE,
     "codebook": COARSE,
     "voting": COARSE,
-    "refinement": {"score", "poses"},
-    "patches.templates": {"score", "poses"},
-    "score": {"score", "poses"},
+    "refinement": {"poses"},
+    "patches.templates": {"poses"},
     "machine.device": {"codebook", "regions"} | COARSE,
 }
 """Every group of keys of the method, with the stages that read it, and those made from them."""
@@ -153,7 +148,7 @@ def test_the_data_change_the_names_of_what_is_made_from_them(dataset, tmp_path):
         return changed(before, names(settings, dataclasses.replace(dataset, **changes)))
 
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((80, 80, 3), np.uint8))
-    learnt_by_classifier = {"classifier", "score", "regions", "hypotheses", "poses"}
+    learnt_by_classifier = {"classifier", "regions", "hypotheses", "poses"}
     assert after(photographs=tmp_path) == learnt_by_classifier
     assert after(background_frames=None) == learnt_by_classifier
     assert after(encoder_frames=None) == set()  # the contrastive encoder takes none
@@ -162,8 +157,8 @@ def test_the_data_change_the_names_of_what_is_made_from_them(dataset, tmp_path):
     model = dataset.models[first]
     for change, stages in (
         ({"holistic_size": 0.3}, learnt_by_classifier),
-        ({"local_size": 0.3}, {"encoder", "codebook", "score", "hypotheses", "poses"}),
-        ({"symmetries": model.symmetries[[0, 0]]}, {"score", "hypotheses", "poses"}),
+        ({"local_size": 0.3}, {"encoder", "codebook", "hypotheses", "poses"}),
+        ({"symmetries": model.symmetries[[0, 0]]}, {"hypotheses", "poses"}),
         ({"name": "other"}, set()),
     ):
         other_model = dataclasses.replace(model, **change)
@@ -213,14 +208,14 @@ FOUND = {"regions", "hypotheses", "poses"}
     [
         ("hlp.rendering.rasterizer", ALL),
         ("hlp.records", ALL),
-        ("hlp.patches.holistic_pool", {"classifier", "score", *FOUND}),
-        ("hlp.data.images", {"classifier", "score", *FOUND}),
-        ("hlp.rendering.sensor", {"classifier", "score", *FOUND}),
-        ("hlp.patches.local_pool", {"encoder", "codebook", "score", "hypotheses", "poses"}),
+        ("hlp.patches.holistic_pool", {"classifier", *FOUND}),
+        ("hlp.data.images", {"classifier", *FOUND}),
+        ("hlp.rendering.sensor", {"classifier", *FOUND}),
+        ("hlp.patches.local_pool", {"encoder", "codebook", "hypotheses", "poses"}),
         ("hlp.method.learn.training", ALL - {"views"}),
-        ("hlp.codebook.entries", {"codebook", "score", "hypotheses", "poses"}),
-        ("hlp.voting.mean_shift", {"score", "hypotheses", "poses"}),
-        ("hlp.refinement.pso", {"score", "poses"}),
+        ("hlp.codebook.entries", {"codebook", "hypotheses", "poses"}),
+        ("hlp.voting.mean_shift", {"hypotheses", "poses"}),
+        ("hlp.refinement.pso", {"poses"}),
         ("hlp.stages.trace_files", FOUND),
         ("hlp.method.settings", set()),
         ("hlp.reporting.table", set()),

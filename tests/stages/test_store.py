@@ -44,7 +44,7 @@ def test_makes_once_then_reuses_and_says_so(tmp_path, caplog):
     ]
     assert again.events[0].seconds == pytest.approx(first.events[0].seconds, abs=1e-3)
     step, made, reused, _ = caplog.messages
-    assert step.startswith("step 4 of 6, codebook: local patches")
+    assert step.startswith("step 4 of 5, codebook: local patches")
     assert made.startswith(f"made   codebook of cat {NAME} (")
     assert reused.startswith(f"reused codebook {NAME} (") and reused.endswith(" saved)")
     record = json.loads((folder / "stage.json").read_text())

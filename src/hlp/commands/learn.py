@@ -21,7 +21,6 @@ from hlp.method.learn.model_files import write_model
 from hlp.method.learn.unfinished_folder import finish
 from hlp.method.settings import MethodSettings
 from hlp.records import ObjectModel
-from hlp.refinement.score_model import prior_of, save_score_model
 from hlp.runs.learnt_cache import cache_folder, describe_learnt
 from hlp.stages.store import RECORD as STAGE
 from hlp.stages.store import StageStore
@@ -66,7 +65,7 @@ def learn_once(cache: Path, request: LearningRequest) -> Path:
 
 
 def learnt_of_run(run: Run, manifest: Path, folder: Path) -> None:
-    """Copy the networks, codebooks and scores that a manifest names into a new `folder`.
+    """Copy the networks and codebooks that a manifest names into a new `folder`.
 
     They are those of the run itself, in its folder `work`; nothing is learnt again. Objects that
     the run did not look for have no codebook: the classifier alone knows them. Raises
@@ -88,10 +87,6 @@ def learnt_of_run(run: Run, manifest: Path, folder: Path) -> None:
         write_model(own, model)
         if not is_joint(settings.codebook):
             settings.codebook.prepare(load_codebook(own).features, settings.seed, own)
-        if settings.score.scenes == 0 or model.mesh.colored:
-            save_score_model(own, prior_of(model.mesh.colored))
-        else:
-            copy("score", model.name, own)
     ids = {model.name: object_id for object_id, model in models.items()}
     record = learnt_folder.LearntRecord(ids, tuple(sorted(known)), settings)
     learnt_folder.write_searches(folder, record)

@@ -82,21 +82,6 @@ class MachineSettings(Settings):
 
 
 @dataclass(frozen=True)
-class ScoreSettings(Settings):
-    """Config group `score`: how the probability that a pose is right is calibrated."""
-
-    name: Annotated[str, Doc("of the choice")] = "rendered"
-    scenes: Annotated[
-        WholeNumber,
-        Le(100_000),
-        Doc(
-            "rendered scenes on which each object without colours is searched while it is learnt, "
-            "some of them without it; 0: one score for all (D)"
-        ),
-    ] = 36
-
-
-@dataclass(frozen=True)
 class MethodSettings(Settings):
     """The method without any data set: one record per config group, and the seed.
 
@@ -116,7 +101,6 @@ class MethodSettings(Settings):
     codebook: Annotated[NeighboursSettings, SEARCHES] = field(default_factory=InvertedListsSettings)
     voting: Annotated[VotingSettings, VOTINGS] = field(default_factory=JointVotingSettings)
     refinement: Annotated[RefinementSettings, REFINERS] = field(default_factory=PsoSettings)
-    score: ScoreSettings = field(default_factory=ScoreSettings)
     trainer: TrainerSettings = field(default_factory=TrainerSettings)
     machine: MachineSettings = field(default_factory=MachineSettings)
 
@@ -280,12 +264,3 @@ class FindSettings(StageSettings):
     coarse: CoarseStage
     fine: FineStage
     machine: MachineSettings
-
-
-@dataclass(frozen=True)
-class ScoreStage(StageSettings):
-    """Calibrating the score of an object's poses by searches in rendered scenes."""
-
-    find: FindSettings
-    rendering: ViewsSettings
-    score: ScoreSettings

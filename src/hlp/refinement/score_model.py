@@ -1,32 +1,26 @@
 """The score of a pose: the probability that it is right, by logistic regression on its fit.
 
-A pose is right if its ADD-S is below a tenth of the object's diameter. Objects with colours share
-their weights, `PRIOR`: those of single ones hardly differ. The weights of an object without colours
-are fitted to poses whose truth is known, and are drawn to `COLORLESS_PRIOR`, which was fitted to
-poses of many objects: a few dozen scenes tell where its own scale lies, not all of it. Colours that
-contradict the object's lower the score by a fixed rule, which is no part of the fit: rendered
-colours agree better than a camera's, so rendered scenes cannot say by how much. So does an image
-that cuts the object off, because in rendered scenes it lies well inside.
+A pose is right if its ADD-S is below a tenth of the object's diameter. All objects with colours
+share their weights, and all without: those of single ones hardly differ, and a few dozen rendered
+scenes tell them less well than many scenes of many objects do. Rules that are no part of the
+regression lower a score further where rendered scenes are easier than real ones: colours that
+contradict the object's (rendered ones agree better than a camera's), an image that cuts the object
+off, few pixels that agree.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from hlp.arrays import Flags, Values
-from hlp.errors import DataError, MissingFileError
-from hlp.files import write_json
 from hlp.refinement.pose_fit import PoseFit
-from hlp.settings import Stored, read_as
 
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
 SURE = 0.95
 """With a higher score, an answer of votes needs no second opinion by templates (D)."""
-_FILE = "score.json"
 _AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
 _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
 _HIGHEST_CONTRAST = 0.8
@@ -35,7 +29,7 @@ _DULL = 15.0  # of the logit, for each unit of `PoseFit.edge` … (D)
 _AT_EDGES = 0.25  # beyond this (D)
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
 _NARROW = 8.0  # of the logit, times what the silhouette lacks of the broadest side (D)
-_MANY_PIXELS = 2000.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
+_MANY_PIXELS = 5000.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
 _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
 _USUAL = 0.05  # … and this (D)
 _BEST = 0.05  # of the cost: others that cost so much more count e times less (D)
@@ -50,15 +44,15 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 
 
 @dataclass(frozen=True)
-class ScoreModel(Stored):
+class ScoreModel:
     """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
-    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 8·n - ln(2000 / p), where c is
+    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d - 10·b² - 8·n - ln(5000 / p), where c is
     the verification cost, e the distance of the outline to edges of the image, h the hidden
     fraction, a what the appearance tells, d how much the colours contradict, and b the fraction
     beyond the image's border: what it does not show contradicts no pose, so wrong ones gather
     there. n is the share by which the silhouette is smaller than the object's broadest side, p are
-    the pixels that agree, at most 2000: what is narrow or small is like many things. For objects
+    the pixels that agree, at most 5000: what is narrow or small is like many things. For objects
     with colours, n and the logarithm are 0. z is the mean Fisher transform artanh(r) of the
     correlations r of depth and slope, drawn to a neutral value where the model itself is nearly a
     plane, and 0 where too few of its pixels are seen.
@@ -81,7 +75,7 @@ class ScoreModel(Stored):
         return score
 
     def _probability(self, fit: PoseFit, contradiction: float = 0.0, more: float = 0.0) -> float:
-        logit = self.weights(more) @ np.array([1.0, *_inputs([fit])[0]])
+        logit = self.weights(more) @ np.array([1.0, *score_inputs([fit])[0]])
         logit += fit.appearance - contradiction - _CUT_OFF * (1.0 - fit.inside_fraction) ** 2
         logit -= _NARROW * (1.0 - fit.projected_share)
         logit -= np.log(_MANY_PIXELS / np.clip(fit.pixels, 1.0, _MANY_PIXELS))
@@ -94,7 +88,7 @@ class ScoreModel(Stored):
         of the light than of another object, and a small part of it is enough. Of several without
         colours, one is less likely right that fits worse than the surest others: noise and errors
         of the model are the same for all instances in an image. So all are likelier where the
-        surest do not fit well: the image is less exact than those on which scores are calibrated.
+        surest do not fit well: the image is less exact than rendered ones.
         """
         if not known_present:
             return [self.score(fit) for fit in fits]
@@ -148,20 +142,16 @@ def _surest_others(scores: Values) -> tuple[Float[np.ndarray, "n n"], Flags]:
     return weights, weights.sum(axis=1) >= _ENOUGH
 
 
-PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
-"""Weights of objects with colours: fitted to rendered scenes of nine objects of LINEMOD, YCB and
-Tejani et al., as benchmarks/score_prior.py does it, with a bias of 2.4 where half of the answers
-were right; 2.8 is for `RIGHT_SHARE`."""
-COLORLESS_PRIOR = ScoreModel(bias=1.8, cost=-8.0, shape=3.0, edge=-13.0, hidden=-4.5)
-"""Weights of objects without colours, whose cost knows edges of the image: fitted to fifteen
-objects, scans and CAD models, and rounded, with some weight left on the cost, which differs between
-objects."""
+COLORED = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
+"""Fitted to rendered scenes of nine objects of LINEMOD, YCB and Tejani et al. (D); refitted by
+benchmarks/score_weights.py."""
+COLORLESS = ScoreModel(bias=1.5, cost=-3.5, shape=2.2, edge=-17.0, hidden=-4.3)
+"""Fitted likewise to seven parts and cartons, whose cost knows edges of the image; the bias is
+lower by 0.7, because few pixels count more in real images (D)."""
 RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9
 """The same where the object is known to be in the image: ours (D)."""
-SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
-"""Standard deviations of the weights of an object without colours from `COLORLESS_PRIOR`."""
 
 
 def probabilities(logits: Values) -> Values:
@@ -179,9 +169,9 @@ PRESENT = float(np.subtract(*logits_of(np.array([PRESENT_SHARE, RIGHT_SHARE]))))
 """Added to the logit where the object is known to be in the image."""
 
 
-def prior_of(colored: bool) -> ScoreModel:
-    """The score of an object of which nothing else is known."""
-    return PRIOR if colored else COLORLESS_PRIOR
+def score_model_of(colored: bool) -> ScoreModel:
+    """The score of all objects with colours, or of all without."""
+    return COLORED if colored else COLORLESS
 
 
 def dullness_evidence(fit: PoseFit) -> float:
@@ -192,57 +182,7 @@ def dullness_evidence(fit: PoseFit) -> float:
     return _DULL * max(1.0 - fit.contrast / _COLORFUL, 0.0) * min(_AT_EDGES - fit.edge, 0.0)
 
 
-def fit_score_model(
-    fits: Sequence[PoseFit],
-    right: Flags,
-    prior: ScoreModel = COLORLESS_PRIOR,
-    spread: ScoreModel = SPREAD,
-) -> ScoreModel:
-    """The most probable weights, given poses that are right or not, and their prior.
-
-    Maximum a posteriori with independent normal priors about `prior`, of standard deviations
-    `spread`; a weight without any is fixed, all but the bias are bounded by 0. Right poses have
-    `RIGHT_SHARE` of the weight, whatever their number: that of the scenes says nothing about where
-    the object will be looked for. Without right or without wrong poses it is the prior.
-    """
-    from scipy.optimize import minimize  # takes as long to import as finding an object
-
-    count = np.array([np.count_nonzero(~right), np.count_nonzero(right)])
-    if not count.all():
-        return prior
-    inputs = np.column_stack([np.ones(len(fits)), _inputs(fits)])
-    shares = np.array([1.0 - RIGHT_SHARE, RIGHT_SHARE])
-    counted = (len(fits) * shares / count)[right.astype(int)]
-    middle, unit = prior.weights(), spread.weights()
-
-    def loss(away: Float[np.ndarray, "5"]) -> tuple[float, Float[np.ndarray, "5"]]:
-        logits = inputs @ (middle + away * unit)
-        value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
-        wrong = probabilities(logits) - right
-        return float(value), inputs.T @ (counted * wrong) * unit + away
-
-    # In standard deviations from the prior, where all weights are of one size.
-    zero = np.where(unit > 0.0, -middle / np.maximum(unit, 1e-9), 0.0)
-    bounds = [(None, None), (None, zero[1]), (zero[2], None), (None, zero[3]), (None, zero[4])]
-    found = minimize(loss, np.zeros(len(middle)), jac=True, method="L-BFGS-B", bounds=bounds)
-    bias, cost, shape, edge, hidden = (float(weight) for weight in middle + found.x * unit)
-    return ScoreModel(bias, min(cost, 0.0), max(shape, 0.0), min(edge, 0.0), min(hidden, 0.0))
-
-
-def save_score_model(folder: Path, model: ScoreModel) -> None:
-    """Write the weights into a folder."""
-    write_json(folder / _FILE, asdict(model))
-
-
-def load_score_model(folder: Path) -> ScoreModel:
-    """Read what `save_score_model` wrote. Raises MissingFileError and DataError naming the file."""
-    try:
-        return read_as(folder / _FILE, ScoreModel)
-    except (DataError, MissingFileError) as error:
-        raise type(error)(f"{error}: learn the object again") from error
-
-
-def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:
+def score_inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:
     """Cost, shape, edge and hidden fraction of each fit."""
     pairs = np.array([(fit.depth_correlation, fit.slope) for fit in fits])
     shape = np.arctanh(np.clip(pairs, 0.0, _HIGHEST)).mean(axis=1)

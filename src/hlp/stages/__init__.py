@@ -5,7 +5,6 @@ STEPS = {
     "classifier": "a network learns to tell windows that show an object from others",
     "encoder": "a network learns features of local patches",
     "codebook": "local patches of the views are stored, with the poses that they vote for",
-    "score": "searches for parts without colours show how often which answers are right",
     "poses": "the objects are searched in the frames",
 }
 """What each stage is for, in the order in which a run makes them."""

@@ -154,8 +154,6 @@ class DetectionStages:
             return find.regions.named() | {"sizes": sizes}, inputs, [load_classifier.__module__]
         inputs = {f"model_{i}": self.dataset.model_identities[i] for i in objects}
         if stage == "poses":
-            calibrated = filter(training.has_own_score, objects)
-            inputs |= {f"score_{i}": training.score(i).fingerprint for i in calibrated}
             return find.fine.named(), inputs, [type(find.fine.refinement).__module__]
         inputs |= {f"codebook_{i}": training.codebook(i).fingerprint for i in objects}
         inputs["encoder"] = training.encoder().fingerprint
@@ -247,9 +245,8 @@ class DetectionStages:
         still decoded.
         """
         self.training.make_for(self.dataset.target_ids)
-        models = {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
-        known = not self.dataset.search_all
-        scores = {i: partial(model.scores, known_present=known) for i, model in models.items()}
+        known, score = not self.dataset.search_all, self.estimator.score_model
+        scores = {i: partial(score(i).scores, known_present=known) for i in self.dataset.target_ids}
         self.make("poses", visit or (lambda key, found: None))
         found = list[PoseEstimate]()
         for key in self.keys:

@@ -10,21 +10,17 @@ from typing import Any
 
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
-from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.model_files import StartingWeights, load_classifier, read_weights
-from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.settings import (
     ClassifierStage,
     CodebookStage,
     EncoderStage,
     MethodSettings,
-    ScoreStage,
     ViewsStage,
 )
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
-from hlp.refinement.score_model import ScoreModel, load_score_model, prior_of, save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.stages.manifest import Description, described, device_name, fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
@@ -196,41 +192,6 @@ class TrainingStages:
 
     def search_folder(self, object_ids: Sequence[int]) -> None:
         """None: a codebook's fingerprint excludes the search's settings, so none is stored."""
-
-    def has_own_score(self, object_id: int) -> bool:
-        """Whether the score of an object's poses is calibrated: only of one without colours."""
-        return self.settings.score.scenes > 0 and not self.models[object_id].mesh.colored
-
-    def score(self, object_id: int) -> Output:
-        """The score of the poses of one object that has its own, calibrated on rendered scenes."""
-        stage, model = ScoreStage.of(self.settings), self.models[object_id]
-        sizes, device = [model.holistic_size, model.local_size], stage.find.machine.device
-        settings = {**stage.named(), "sizes": sizes, "device": device_name(device)}
-        upstream = {
-            "model": self.dataset.model_identities[object_id],
-            "classifier": self.classifier().fingerprint,
-            "encoder": self.encoder().fingerprint,
-            "codebook": self.codebook(object_id).fingerprint,
-            "background_frames": frames_identity(self.dataset.background_frames),
-        }
-
-        def make(folder: Path) -> None:
-            estimator = PoseEstimator(self, stage.find, (object_id,))
-            frames, scenes = self.dataset.load_background_frames(), stage.score.scenes
-            score = calibrate_score(estimator, object_id, frames, scenes, stage.rendering)
-            save_score_model(folder, score)
-
-        method, modules = self.settings, (calibrate_score.__module__, save_score_model.__module__)
-        used = method.encoder, method.codebook, method.voting, method.refinement
-        code = *modules, *used, self.dataset.background_frames
-        description = self._description(settings, upstream, *code)
-        return self._make_once("score", object_id, description, make)
-
-    def load_score_model(self, object_id: int) -> ScoreModel:
-        """The score of one object's poses, from disk if it has its own."""
-        if self.has_own_score(object_id):
-            return load_score_model(self.score(object_id).folder)
-        return prior_of(self.models[object_id].mesh.colored)
 
     def _make_once(
         self, stage: str, object_id: int, description: Description, make: Callable[[Path], None]

@@ -12,7 +12,7 @@ from hlp.geometry import rigid
 from hlp.method.find import frame_fits
 from hlp.method.find.frame_fits import FrameFits
 from hlp.refinement.pose_fit import PoseFit
-from hlp.refinement.score_model import COLORLESS_PRIOR, PRIOR
+from hlp.refinement.score_model import COLORED, COLORLESS
 from hlp.rendering.rasterizer import render_depth
 from packed_boxes import WHITE, box, frame
 from refinement_scene import CAMERA, SHAPE
@@ -27,7 +27,7 @@ PACKED = rigid(AWAY, np.array([0.0, 0.0, 0.7]) + np.array([0.0, 1.0])[:, None] *
 def fits():
     verifier = box()
     seen = frame(verifier, WHITE, WHITE, poses=PACKED).observation
-    return FrameFits(seen, lambda _: verifier, lambda _: COLORLESS_PRIOR), verifier, seen
+    return FrameFits(seen, lambda _: verifier, lambda _: COLORLESS), verifier, seen
 
 
 def test_a_pose_is_measured_once(fits, monkeypatch):
@@ -56,7 +56,7 @@ def test_only_dull_objects_with_colours_are_doubted(colored, told, monkeypatch):
     fit = PoseFit(0.1, 0.9, 0.9, 1.0, 1.0, contrast=0.2, edge=0.45)
     monkeypatch.setattr(frame_fits, "measure_fit", lambda *_: fit)
     verifier = SimpleNamespace(model=SimpleNamespace(mesh=SimpleNamespace(colored=colored)))
-    own = FrameFits(None, lambda _: verifier, lambda _: PRIOR)
+    own = FrameFits(None, lambda _: verifier, lambda _: COLORED)
     own.doubt(1, [np.eye(4)])
     assert own.measure(1, np.eye(4)).appearance == pytest.approx(told)
 
@@ -108,7 +108,7 @@ def test_alone_in_front_or_with_colours_a_fit_stays(fits):
     colored = replace(verifier.model, mesh=replace(verifier.model.mesh, colored=True))
     painted = SimpleNamespace(model=colored, depth_of=verifier.depth_of)
     kinds = {1: verifier, 2: painted}
-    both = FrameFits(seen, kinds.__getitem__, lambda _: COLORLESS_PRIOR)
+    both = FrameFits(seen, kinds.__getitem__, lambda _: COLORLESS)
     both._known[2, PACKED[1].tobytes()] = before
     both.settle([(1, PACKED[0]), (2, PACKED[1])])
     assert both.measure(2, PACKED[1]) is before

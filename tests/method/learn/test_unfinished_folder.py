@@ -9,13 +9,7 @@ import pytest
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.fingerprints import sealed
 from hlp.method.learn.learnt_folder import LearntRecord, read_record, write_record
-from hlp.method.learn.unfinished_folder import (
-    SCORED,
-    finish,
-    folder_in_the_making,
-    once,
-    restore_replaced,
-)
+from hlp.method.learn.unfinished_folder import finish, folder_in_the_making, once, restore_replaced
 from hlp.method.opened_folder import OpenedFolder
 from hlp.method.settings import MethodSettings
 from hlp.runs.learnt_cache import find_learnt
@@ -46,7 +40,7 @@ def test_a_record_comes_back_and_what_is_not_as_its_schema_is_named(tmp_path, va
     assert f"{path}: {words}" in str(caught.value)
 
 
-def make(folder, marker=".done.json"):
+def make(folder):
     """Make the content unless it is there; whether it was made."""
     made = []
 
@@ -56,7 +50,7 @@ def make(folder, marker=".done.json"):
         (folder / "codebook.npz").write_bytes(b"features")
         (folder / "sub" / "weights").write_bytes(b"numbers")
 
-    once(folder, write, marker)
+    once(folder, write)
     return bool(made)
 
 
@@ -66,7 +60,7 @@ def test_content_is_made_once_unless_it_is_damaged(tmp_path, name, content):
     folder = tmp_path / "object"
     with pytest.raises(ZeroDivisionError):
         once(folder, lambda _: 1 / 0)
-    assert make(folder) and not make(folder) and make(folder, SCORED)
+    assert make(folder) and not make(folder)
     if content is None:
         (folder / name).unlink()
     else:

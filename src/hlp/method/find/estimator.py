@@ -23,6 +23,7 @@ from hlp.records import Frame, Hypotheses, ObjectModel, Region
 from hlp.refinement.choice import InstanceSearch, KnownRefinements, RefinedHypotheses
 from hlp.refinement.icp import align_to_depth
 from hlp.refinement.refiner import turned_over
+from hlp.refinement.score_model import score_model_of
 from hlp.refinement.texture import choose_nearby_by_texture
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.surface import color_grid
@@ -87,8 +88,7 @@ class PoseEstimator:
         self.matching = PatchMatching(learnt, settings, self.object_ids, lambda: self.encoder, team)
         self.verifier = cache(lambda i: Verifier(learnt.models[i], fine.refinement.verification))
         """The cost that compares poses of an object, given its id."""
-        self.score_model = cache(learnt.load_score_model)
-        """The score of an object's poses, given its id."""
+        self.score_model = cache(lambda i: score_model_of(learnt.models[i].mesh.colored))
         self._templates = cache(lambda i, given: build_templates(learnt.models[i], given))
         self._modes = settings.coarse.voting.build(threads)
         self._refiner = fine.refinement.build(threads)

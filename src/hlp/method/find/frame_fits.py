@@ -84,7 +84,6 @@ class FrameFits:
         colorless = [not self._verifier(each).model.mesh.colored for each, _ in instances]
         if len(instances) < 2 or not any(colorless):
             return
-        # Scores are not known where an object is searched to learn them.
         known = zip(instances, settled, strict=True)
         scores = [self.score(*instance) if has else 0.0 for instance, has in known]
         drawn = [self._verifier(each).depth_of(seen, pose) for each, pose in instances]

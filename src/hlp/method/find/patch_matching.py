@@ -20,7 +20,6 @@ from hlp.models.network import Network
 from hlp.patches.local import cut_local_patches
 from hlp.patches.sampling import join
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
-from hlp.refinement.score_model import ScoreModel
 from hlp.threads import ThreadTeam
 
 _PER_THREAD = 128  # patches that are worth a thread of their own
@@ -46,9 +45,6 @@ class LearntObjects(Protocol):
 
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
-
-    def load_score_model(self, object_id: int) -> ScoreModel:
-        """The score of one object's poses."""
 
     def search_folder(self, object_ids: Sequence[int]) -> Path | None:
         """The folder in which the search in these objects' codebooks was prepared, if it was."""

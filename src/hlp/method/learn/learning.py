@@ -14,7 +14,6 @@ from hlp.codebook.entries import save_codebook
 from hlp.codebook.neighbours import is_joint
 from hlp.errors import InputError
 from hlp.fingerprints import source_digest
-from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.classifier_training import train_classifier
 from hlp.method.learn.codebook_building import build_codebook
 from hlp.method.learn.encoder_training import train_encoder
@@ -32,20 +31,12 @@ from hlp.method.learn.learnt_folder import (
 )
 from hlp.method.learn.mesh_models import check_distinct
 from hlp.method.learn.model_files import StartingWeights, read_weights, write_model
-from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.training import free_memory
-from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
-from hlp.method.settings import (
-    ClassifierStage,
-    CodebookStage,
-    EncoderStage,
-    FindSettings,
-    MethodSettings,
-)
+from hlp.method.learn.unfinished_folder import VIEWS, finish, folder_in_the_making, once
+from hlp.method.settings import ClassifierStage, CodebookStage, EncoderStage, MethodSettings
 from hlp.objects.object_model import mesh_identity
 from hlp.patches.backgrounds import Backgrounds
 from hlp.records import ObjectModel, Views
-from hlp.refinement.score_model import save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.threads import set_compute_threads
 
@@ -163,22 +154,11 @@ class _Making:
         once(self.folder / ENCODER, lambda folder: train_encoder(*of, folder))
 
     def add_objects(self, models: Mapping[int, ObjectModel]) -> None:
-        """Models, codebooks and scores of some objects; then the folder is complete."""
+        """Models and codebooks of some objects; then the folder is complete."""
         for model in models.values():
             once(self.folder / OBJECTS / model.name, partial(self._write_object, model))
             free_memory()
         write_searches(self.folder, self.record)
-        settings = self.record.settings
-        learnt = LearntFolder(self.folder, record=self.record)
-        estimator = PoseEstimator(learnt, FindSettings.of(settings), tuple(models))
-        frames = self.backgrounds.load_background_frames()
-
-        def calibrate(object_id: int, folder: Path) -> None:
-            of = frames, settings.score.scenes, settings.rendering
-            save_score_model(folder, calibrate_score(estimator, object_id, *of))
-
-        for object_id, model in models.items():
-            once(self.folder / OBJECTS / model.name, partial(calibrate, object_id), SCORED)
         finish(self.folder, self.record)
 
     def _write_object(self, model: ObjectModel, folder: Path) -> None:

@@ -31,10 +31,9 @@ from hlp.method.settings import CoarseStage, Device, MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel
-from hlp.refinement.score_model import ScoreModel, load_score_model
 from hlp.settings import Stored, WholeNumber, stored_as
 
-FORMAT = 9
+FORMAT = 10
 RECORD = "learnt.json"
 CLASSIFIER, ENCODER, OBJECTS, SEARCHES = "classifier", "encoder", "objects", "searches"
 NAME = re.compile(r"[\w][\w .+-]{0,79}")
@@ -174,10 +173,6 @@ class LearntFolder:
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
         return load_codebook(self.object_folder(object_id))
-
-    def load_score_model(self, object_id: int) -> ScoreModel:
-        """The score of one object's poses."""
-        return load_score_model(self.object_folder(object_id))
 
     def search_folder(self, object_ids: Sequence[int]) -> Path:
         """The folder for the search in the codebooks of these objects; it may hold nothing."""

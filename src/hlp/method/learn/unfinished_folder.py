@@ -22,7 +22,7 @@ from hlp.method.learn.learnt_folder import (
 )
 
 # Their names begin with a dot, so that they are no part of what is learnt.
-VIEWS, SCORED = ".views", ".scored.json"
+VIEWS = ".views"
 _DONE, _REQUEST = ".done.json", ".request.json"
 _logger = logging.getLogger(__name__)
 
@@ -129,7 +129,7 @@ def _publish(partial: Path, folder: Path, replaces: bool) -> None:
 def _remove_markers(folder: Path) -> None:
     """Remove what only an interrupted call would need; the request last, which shows the rest."""
     shutil.rmtree(folder / VIEWS, ignore_errors=True)
-    for name in (_DONE, SCORED, _REQUEST):
+    for name in (_DONE, _REQUEST):
         for path in folder.rglob(name):
             with suppress(OSError):  # another process does the same, or it may only be read
                 path.unlink()
@@ -141,16 +141,16 @@ def finish(partial: Path, record: LearntRecord) -> None:
     write_record(partial, replace(record, files=folder_checksums(partial, leaving_out=(RECORD,))))
 
 
-def once(folder: Path, make: Callable[[Path], None], marker: str = _DONE) -> None:
+def once(folder: Path, make: Callable[[Path], None]) -> None:
     """Make a folder's content, unless it was made before.
 
-    The marker holds the checksums of the files: if one is damaged, the content is made again.
+    A marker holds the checksums of the files: if one is damaged, the content is made again.
     """
-    made = _read_json_or_none(folder / marker)
+    made = _read_json_or_none(folder / _DONE)
     if not seal_is_whole(made) or any(find_damaged(folder, made["files"])):
         folder.mkdir(parents=True, exist_ok=True)
         make(folder)
-        write_json(folder / marker, sealed({"files": folder_checksums(folder)}))
+        write_json(folder / _DONE, sealed({"files": folder_checksums(folder)}))
 
 
 def _read_json_or_none(path: Path) -> Any:
