@@ -66,7 +66,7 @@ def test_where_the_surest_do_not_fit_well_all_are_likelier():
     """By what cost and edge take from their logits beyond 2.2: the image is not exact."""
     fits = [PoseFit(0.2, z, z, 1.0, 1.0, edge=0.15) for z in (0.95, 0.9, 0.8)]
     alone = [known_score(COLORLESS, fit) for fit in fits]
-    forgiven = 3.5 * 0.2 + 17.0 * 0.15 - 2.2
+    forgiven = 9.5 * 0.2 + 29.0 * 0.15 - 3.0
     np.testing.assert_allclose(logit(known_scores(fits)), logit(alone) + forgiven)
     worst = [replace(fit, cost=0.4, edge=0.25, plane_deviation_mm=90.0) for fit in fits]
     worst = [replace(fit, depth_correlation=0.99, slope=0.99) for fit in worst]

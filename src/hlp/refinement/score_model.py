@@ -34,7 +34,7 @@ _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond thos
 _USUAL = 0.05  # … and this (D)
 _BEST = 0.05  # of the cost: others that cost so much more count e times less (D)
 _HIDDEN = 0.15  # of the cost, for the whole object: what is hidden adds so much (D)
-_LEVEL = -2.2  # of the logit: what cost and edge of others take from it where all is exact (D)
+_LEVEL = -3.0  # of the logit: what cost and edge of others take from it where all is exact (D)
 _FORGIVEN = 2.5  # of the logit, at most: what they take from it beyond that
 _ENOUGH = 0.25  # an instance is compared with others whose squared scores sum up to this (D)
 _LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
@@ -145,7 +145,7 @@ def _surest_others(scores: Values) -> tuple[Float[np.ndarray, "n n"], Flags]:
 COLORED = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
 """Fitted to rendered scenes of nine objects of LINEMOD, YCB and Tejani et al. (D); refitted by
 benchmarks/score_weights.py."""
-COLORLESS = ScoreModel(bias=1.5, cost=-3.5, shape=2.2, edge=-17.0, hidden=-4.3)
+COLORLESS = ScoreModel(bias=2.4, cost=-9.5, shape=2.9, edge=-29.0, hidden=-2.4)
 """Fitted likewise to seven parts and cartons, whose cost knows edges of the image; the bias is
 lower by 0.7, because few pixels count more in real images (D)."""
 RIGHT_SHARE = 0.6
