@@ -33,9 +33,9 @@ def test_of_several_without_colours_one_that_fits_worse_than_the_surest_is_less_
     """
     looks = [
         (0.1, 0.02, 0.6, 0.9),
-        (0.12, 0.05, 0.4, 1),
-        (0.22, 0.03, 0.5, 1),
-        (0.11, 0.14, 0.5, 1),
+        (0.12, 0.03, 0.4, 1),
+        (0.22, 0.02, 0.5, 1),
+        (0.11, 0.12, 0.5, 1),
     ]
     fits = [PoseFit(cost, z, z, 1.0, seen, edge=edge) for cost, edge, z, seen in looks]
     alone = np.array([known_score(COLORLESS, fit) for fit in fits])
@@ -63,10 +63,10 @@ def test_of_several_without_colours_one_that_fits_worse_than_the_surest_is_less_
 
 
 def test_where_the_surest_do_not_fit_well_all_are_likelier():
-    """By what cost and edge take from their logits beyond 2.2: the image is not exact."""
-    fits = [PoseFit(0.2, z, z, 1.0, 1.0, edge=0.15) for z in (0.95, 0.9, 0.8)]
+    """By what cost and edge take from their logits beyond 3: the image is not exact."""
+    fits = [PoseFit(0.2, z, z, 1.0, 1.0, edge=0.1) for z in (0.95, 0.9, 0.8)]
     alone = [known_score(COLORLESS, fit) for fit in fits]
-    forgiven = 9.5 * 0.2 + 29.0 * 0.15 - 3.0
+    forgiven = 9.5 * 0.2 + 29.0 * 0.1 - 3.0
     np.testing.assert_allclose(logit(known_scores(fits)), logit(alone) + forgiven)
     worst = [replace(fit, cost=0.4, edge=0.25, plane_deviation_mm=90.0) for fit in fits]
     worst = [replace(fit, depth_correlation=0.99, slope=0.99) for fit in worst]

@@ -143,11 +143,12 @@ def _surest_others(scores: Values) -> tuple[Float[np.ndarray, "n n"], Flags]:
 
 
 COLORED = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
-"""Fitted to rendered scenes of nine objects of LINEMOD, YCB and Tejani et al. (D); refitted by
-benchmarks/score_weights.py."""
+"""Fitted to rendered scenes of nine objects of LINEMOD, YCB and Tejani et al., with a bias of 2.4
+where half of the answers were right; 2.8 is for `RIGHT_SHARE`. See benchmarks/score_weights.py."""
 COLORLESS = ScoreModel(bias=2.4, cost=-9.5, shape=2.9, edge=-29.0, hidden=-2.4)
-"""Fitted likewise to seven parts and cartons, whose cost knows edges of the image; the bias is
-lower by 0.7, because few pixels count more in real images (D)."""
+"""Fitted to 48 rendered scenes of each of sixteen objects: flat parts, cartons and LINEMOD's
+without their colours. The bias was 5.2; it is lower because real scenes hold more that is like a
+grey object than rendered ones do (D)."""
 RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9
