@@ -60,7 +60,7 @@ _PLAIN = 0.8  # probability that a part without colours in its model is of one m
 _UNSURE = 1.5  # of the logit of scores by which that is judged (D)
 BEST_OF_MANY = -0.3
 """Added to the logit before anything is seen of colours: templates find many poses, and of the best
-of many more are wrong than of the few on which scores are calibrated (D)."""
+of many more are wrong than of the few that scores were fitted to (D)."""
 
 Shares = Float[np.ndarray, "864"]
 """Share of the pixels in each class of colour."""
