@@ -44,7 +44,7 @@ def test_one_command_ends_with_a_table_and_files_for_the_server(tmp_path):
     assert "as in 2 finished" in later[1] and "\ntless" not in later[0]
     assert done.stdout.index("searching 3 images of ") < done.stdout.index("What is left")
     assert re.search(r"\nall +6 +9 +\d+ +0:06 +0:00 +0.6 GB\n", before), before
-    assert before.index("GB\n") < before.index("step 1 of 6")
+    assert before.index("GB\n") < before.index("step 1 of 5")
     table = {row["set"]: row for row in csv_rows(tmp_path / "out" / "bop.csv")}
     assert table.keys() >= {"tless", "ycbv", "mean, localization", "Vidal et al., 2018"}
     for name in ("tless", "ycbv"):
