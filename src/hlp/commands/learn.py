@@ -45,7 +45,7 @@ class LearningRequest:
 def learn_into(folder: Path, request: LearningRequest) -> Path:
     """Learn objects into a new folder. Raises what learning raises; says what it found and made."""
     count = len(request.models)
-    needed = 1.2 * count, 1.1 + 0.07 * count  # as measured of one and of three objects
+    needed = 0.4 + count, 1.1 + 0.07 * count  # as measured of one and of three objects
     _logger.info("learning takes about %.1f minutes of computing and %.1f GB", *needed)
     learning.learn(request.models, folder, request.settings, request.images)
     entry = describe_learnt(folder)
