@@ -3,11 +3,11 @@
     python benchmarks/many_objects.py learn learnt/fifteen --objects 15 --method many_objects
     python benchmarks/many_objects.py find learnt/fifteen --asked 1 7 15 --frames 6
 
-`learn` learns that many random shapes that stand upright (960 views of each)
-and prints the seconds that an object takes. `find` renders frames of seven of them on a table,
-and asks for as many objects as each of `--asked` says: those that are there first, then others. It
-prints the time of a frame beside that of the first number, how many of the objects that are there
-are right (ADD-S below a tenth of the diameter), false alarms, and the memory of the process.
+`learn` learns that many random shapes that stand upright (960 views of each) and prints the seconds
+that an object takes. `find` renders frames of seven of them on a table, and asks for as many
+objects as each of `--asked` says: those that are there first, then others. It prints the time of a
+frame beside that of the first number, how many of the objects that are there are right (ADD-S below
+a tenth of the diameter), false alarms, and the memory of the process.
 """
 
 import argparse

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import logit
 
 from hlp.refinement.pose_fit import PoseFit
-from hlp.refinement.score_model import COLORED, COLORLESS, dullness_evidence
+from hlp.refinement.score_model import COLORED, COLORLESS, dullness_evidence, score_model_of
 
 
 def test_an_object_of_which_little_is_seen_is_not_found_unless_it_is_known_to_be_there():
@@ -22,8 +22,7 @@ def test_an_object_of_which_little_is_seen_is_not_found_unless_it_is_known_to_be
 
 
 def known_score(model, fit):
-    (score,) = model.scores([fit], known_present=True)
-    return score
+    return model.scores([fit], known_present=True)[0]
 
 
 def test_of_several_without_colours_one_that_fits_worse_than_the_surest_is_less_likely_right():
@@ -68,8 +67,7 @@ def test_where_the_surest_do_not_fit_well_all_are_likelier():
     alone = [known_score(COLORLESS, fit) for fit in fits]
     forgiven = 9.5 * 0.2 + 29.0 * 0.1 - 3.0
     np.testing.assert_allclose(logit(known_scores(fits)), logit(alone) + forgiven)
-    worst = [replace(fit, cost=0.4, edge=0.25, plane_deviation_mm=90.0) for fit in fits]
-    worst = [replace(fit, depth_correlation=0.99, slope=0.99) for fit in worst]
+    worst = [replace(fit, cost=0.4, edge=0.25, depth_correlation=0.99, slope=0.99) for fit in fits]
     alone = [known_score(COLORLESS, fit) for fit in worst]
     np.testing.assert_allclose(logit(known_scores(worst)), logit(alone) + 2.5)
     exact = [replace(fit, cost=0.1, edge=0.05) for fit in fits]
@@ -144,3 +142,4 @@ def test_colours_do_not_count_for_an_object_that_is_known_to_be_there():
     contradicting, agreeing = (PoseFit(0.2, 0.8, 0.8, 1.0, 1.0, c, 0.8) for c in (0.0, 1.0))
     told = [known_score(COLORED, fit) for fit in (contradicting, agreeing)]
     assert told[0] == told[1] > COLORED.score(agreeing)
+    assert [score_model_of(colored).colorless for colored in (False, True)] == [True, False]

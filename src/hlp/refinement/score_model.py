@@ -1,11 +1,10 @@
 """The score of a pose: the probability that it is right, by logistic regression on its fit.
 
 A pose is right if its ADD-S is below a tenth of the object's diameter. All objects with colours
-share their weights, and all without: those of single ones hardly differ, and a few dozen rendered
-scenes tell them less well than many scenes of many objects do. Rules that are no part of the
-regression lower a score further where rendered scenes are easier than real ones: colours that
-contradict the object's (rendered ones agree better than a camera's), an image that cuts the object
-off, few pixels that agree.
+share their weights, and all without: a few dozen rendered scenes of one object tell them less well.
+Rules that are no part of the regression lower a score further where rendered scenes are easier than
+real ones: colours that contradict the object's (rendered ones agree better than a camera's), an
+image that cuts the object off, few pixels that agree.
 """
 
 from collections.abc import Sequence
@@ -144,11 +143,11 @@ def _surest_others(scores: Values) -> tuple[Float[np.ndarray, "n n"], Flags]:
 
 COLORED = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
 """Fitted to rendered scenes of nine objects of LINEMOD, YCB and Tejani et al., with a bias of 2.4
-where half of the answers were right; 2.8 is for `RIGHT_SHARE`. See benchmarks/score_weights.py."""
+where half of the answers were right; 2.8 is for `RIGHT_SHARE`."""
 COLORLESS = ScoreModel(bias=2.4, cost=-9.5, shape=2.9, edge=-29.0, hidden=-2.4)
 """Fitted to 48 rendered scenes of each of sixteen objects: flat parts, cartons and LINEMOD's
-without their colours. The bias was 5.2; it is lower because real scenes hold more that is like a
-grey object than rendered ones do (D)."""
+without their colours. The bias was 5.2; it is lower by what false alarms in real frames asked (D).
+The scenes were those of commit 337783d0; benchmarks/score_weights.py fits to any data set."""
 RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9

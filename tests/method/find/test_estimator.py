@@ -8,6 +8,7 @@ import pytest
 from hlp import Detector
 from hlp.method.find import estimator as module
 from hlp.records import Hypotheses
+from hlp.refinement.score_model import COLORED
 
 
 @pytest.mark.parametrize("colored", [True, False])
@@ -29,7 +30,7 @@ def test_hypotheses_are_given_up_early_only_of_coloured_objects_that_may_be_abse
         if min_score is None or not colored:
             assert early_score is None
         else:
-            assert early_score == estimator.score_model(bear.object_id)
+            assert early_score == COLORED
 
 
 def test_where_no_template_fits_none_is_tried_again(learnt, frame, monkeypatch):

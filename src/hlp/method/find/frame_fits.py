@@ -84,6 +84,7 @@ class FrameFits:
         colorless = [not self._verifier(each).model.mesh.colored for each, _ in instances]
         if len(instances) < 2 or not any(colorless):
             return
+        # Only objects without colours are settled; those with colours speak against none.
         known = zip(instances, settled, strict=True)
         scores = [self.score(*instance) if has else 0.0 for instance, has in known]
         drawn = [self._verifier(each).depth_of(seen, pose) for each, pose in instances]
