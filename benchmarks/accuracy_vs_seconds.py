@@ -163,12 +163,12 @@ def draw(rows: Sequence[Sequence[Any]], path: Path) -> None:
     own[0].set_ylabel("ADD(-S) recall")
     shown = own[0].get_legend_handles_labels()
     figure.legend(*shown, loc="outside lower center", ncols=len(panels) + 2)
-    for name, recall, seconds, hardware in PUBLISHED:
-        at = _UNKNOWN if seconds is None else seconds
-        words = f"{name}, {hardware}" if seconds else f"{name}, {hardware}, time not stated"
+    for name, recall, stated, hardware in PUBLISHED:
+        at = _UNKNOWN if stated is None else stated
+        words = f"{name}, {hardware}" if stated else f"{name}, {hardware}, time not stated"
         other.plot(at, recall, "D", color="#777777")
         other.annotate(
-            words, (at, recall), (0, 6 if seconds else -13), textcoords="offset points", fontsize=7
+            words, (at, recall), (0, 6 if stated else -13), textcoords="offset points", fontsize=7
         )
     other.set(title="published: other data, machines", xscale="log", xlim=(0.4, 3000))
     other.set(xlabel="s an image", ylabel="BOP's AR, seven core sets")

@@ -91,7 +91,7 @@ def random_object(rng: np.random.Generator) -> Mesh:
     for _ in range(int(rng.integers(2, 4))):
         turn = Rotation.random(random_state=rng).as_matrix()
         parts.append(moved_by(random_shape(rng), rigid(turn, rng.normal(0.0, 0.02, 3))))
-    return merge(parts)
+    return merge(*parts)
 
 
 def find(folder: Path, numbers: Sequence[int], count: int, threads: int) -> None:

@@ -34,8 +34,15 @@ def main() -> None:
     size = given.width, given.width * pictures[0].height // pictures[0].width
     small = [each.resize(size, Image.Resampling.LANCZOS) for each in pictures]
     for quality in range(90, 10, -5):
-        more = {"append_images": small[1:], "duration": milliseconds, "loop": 0, "method": 6}
-        small[0].save(given.output, save_all=True, quality=quality, **more)
+        small[0].save(
+            given.output,
+            save_all=True,
+            quality=quality,
+            append_images=small[1:],
+            duration=milliseconds,
+            loop=0,
+            method=6,
+        )
         written = given.output.stat().st_size
         if written <= given.most_bytes:
             break
@@ -58,7 +65,11 @@ def draw(run: Path, root: Path, min_score: float) -> tuple[list[Image.Image], li
             pictures.append(Image.fromarray(frame.rgb))
             shown.append(FIRST_MS)
         here = [e for e in found if (e.scene_id, e.frame_id) == (frame.scene_id, frame.frame_id)]
-        poses = [(dataset.models[each.object_id], each.pose_cam_obj) for each in here]
+        poses = [
+            (dataset.models[each.object_id], each.pose_cam_obj)
+            for each in here
+            if each.pose_cam_obj is not None
+        ]
         pictures.append(Image.fromarray(draw_detections(frame, poses)))
         shown.append(EACH_MS)
     shown[-1] = LAST_MS

@@ -10,6 +10,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,6 +33,7 @@ _NEARER, _FARTHER = 0.8, 1.2  # than the recording's distances: PPF's points
 _REFINED, _APART = 5, 0.3  # PPF's poses for each instance; of the diameter, between instances
 
 Poses = list[np.ndarray]
+contrib: Any = cv2  # its types leave the contributed modules out
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class Linemod:
     """`cv2.linemod` with templates of one object."""
 
     def __init__(self, model: ObjectModel, camera: np.ndarray, views: Views) -> None:
-        self.detector, self.model = cv2.linemod.getDefaultLINEMOD(), model
+        self.detector, self.model = contrib.linemod.getDefaultLINEMOD(), model
         self.templates: list[Template] = []
         for distance in views.distances:
             for rotation in views.rotations:
@@ -134,9 +136,9 @@ class Ppf:
         mesh = trimesh.Trimesh(model.mesh.vertices, model.mesh.faces, process=False)
         points, faces = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)
         self.points = np.hstack([points, mesh.face_normals[faces]]).astype(np.float32)
-        self.detector = cv2.ppf_match_3d.PPF3DDetector(_SAMPLED, _SAMPLED, 30)
+        self.detector = contrib.ppf_match_3d.PPF3DDetector(_SAMPLED, _SAMPLED, 30)
         self.detector.trainModel(self._thinned(self.points))
-        self.icp = cv2.ppf_match_3d.ICP(100, 0.005, 2.5, 6)
+        self.icp = contrib.ppf_match_3d.ICP(100, 0.005, 2.5, 6)
 
     def _thinned(self, points: np.ndarray) -> np.ndarray:
         """One point in each cube: the detector's own grid has as many cells along a thin side."""
@@ -162,7 +164,7 @@ class Ppf:
             far = np.linalg.norm(scene[:, :3] - centre, axis=1)
             near = scene[far < 0.6 * self.model.diameter]
             if len(near) > 100:
-                placed = cv2.ppf_match_3d.transformPCPose(self.points, pose)
+                placed = contrib.ppf_match_3d.transformPCPose(self.points, pose)
                 moved, _, by = self.icp.registerModelToScene(placed, near)
                 pose = by @ pose if moved == 0 and np.isfinite(by).all() else pose
             if all(self._apart(pose, other) for other in chosen):
@@ -181,7 +183,7 @@ def scene_of(frame: Frame, views: Views) -> np.ndarray:
     y, x = np.nonzero((depth > _NEARER * low) & (depth < _FARTHER * high))
     pixels = _STEP * np.column_stack([x, y]).astype(np.float64)
     points = back_project(pixels, depth[y, x].astype(np.float64), frame.camera_matrix)
-    _, with_normals = cv2.ppf_match_3d.computeNormalsPC3d(
+    _, with_normals = contrib.ppf_match_3d.computeNormalsPC3d(
         points.astype(np.float32), 12, True, (0.0, 0.0, 0.0)
     )
-    return with_normals[np.isfinite(with_normals).all(axis=1)]
+    return np.asarray(with_normals[np.isfinite(with_normals).all(axis=1)])

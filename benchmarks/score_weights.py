@@ -63,7 +63,7 @@ def fit_weights(told: list[Answer], colored: bool) -> np.ndarray:
             shares @ (np.logaddexp(0.0, logits) - logits * right) + _WEAK * weights @ weights
         )
 
-    return minimize(loss, np.zeros(inputs.shape[1])).x
+    return np.asarray(minimize(loss, np.zeros(inputs.shape[1])).x)
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from hlp.data.bop import BopSettings
 from hlp.evaluation.errors import add, add_s
 from hlp.records import Frame, ObjectModel
 
+Found = TypeVar("Found", bound=Sequence[Detection])
 Error = Callable[[np.ndarray, np.ndarray, np.ndarray], float]
 
 
@@ -63,10 +65,11 @@ def main() -> None:
 
 
 def timed(
-    find: Callable[[Frame], Sequence[Detection]], frames: Sequence[Frame]
-) -> tuple[list, np.ndarray]:
+    find: Callable[[Frame], Found], frames: Sequence[Frame]
+) -> tuple[list[Found], np.ndarray]:
     """Answers to all frames, and the milliseconds that each took: wall and CPU time."""
-    answers, spent = [], []
+    answers: list[Found] = []
+    spent = []
     for frame in frames:
         begun = time.perf_counter(), time.process_time()
         answers.append(find(frame))
