@@ -128,13 +128,14 @@ def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
 
 
 def test_region_weight_is_the_highest_probability_of_the_windows_near_a_pixel():
-    centers = np.array([[10.0, 10.0], [30.0, 10.0], [200.0, 50.0]])
-    probabilities = np.array([0.9, 0.3, 0.005])
+    rng = np.random.default_rng(0)
+    centers, pixels = rng.uniform(0.0, 100.0, (40, 2)), rng.uniform(0.0, 100.0, (300, 2))
+    probabilities, radii = rng.uniform(0.0, 1.0, 40) ** 4, rng.uniform(5.0, 30.0, 300)
+    near = np.linalg.norm(pixels[:, None] - centers, axis=2) <= radii[:, None]
+    expected = np.maximum((near * probabilities).max(axis=1), 0.01)
+    assert 0.05 < (expected == 0.01).mean() < 0.5
     region = Region(1, centers, probabilities, np.ones((60, 240), bool))
-    pixels = np.array([[12.0, 10.0], [24.0, 10.0], [24.0, 10.0], [30.0, 16.0], [200.0, 50.0]])
-    radii = np.array([10.0, 10.0, 15.0, 5.0, 10.0])
-    found = region_weights(region, pixels, radii)
-    np.testing.assert_allclose(found, [0.9, 0.3, 0.9, 0.01, 0.01])
+    np.testing.assert_array_equal(region_weights(region, pixels, radii), expected)
     assert region_weights(region, np.zeros((0, 2)), np.zeros(0)).shape == (0,)
-    nothing = Region(1, np.zeros((0, 2)), np.zeros(0), np.ones((60, 240), bool))
-    np.testing.assert_array_equal(region_weights(nothing, pixels, radii), np.full(5, 0.01))
+    nothing = Region(1, centers[:0], probabilities[:0], region.mask)
+    assert (region_weights(nothing, pixels, radii) == 0.01).all()

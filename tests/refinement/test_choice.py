@@ -51,12 +51,12 @@ def test_the_best_is_found_refined_first_and_searched_again(scene, verification,
     result = choose(scene, verification, refiner, poses, max_improvement=1.0)
     assert len(refiner.asked) == 3 and len(result.refined) == len(result.costs) == 6
     np.testing.assert_array_equal(refiner.asked[0][0], poses[-1])
-    assert result.sources[result.best] == 5 and sorted(result.sources) == list(range(6))
+    assert result.sources[result.instances[0]] == 5 and sorted(result.sources) == list(range(6))
     for source, refined in zip(result.sources, result.refined, strict=True):
         np.testing.assert_array_equal(refined.pose_cam_obj, poses[source])
     np.testing.assert_array_equal(refiner.searched_again, poses[-1:])
-    assert result.refined[result.best].iterations == 2
-    assert error(scene, result.refined[result.best].pose_cam_obj) < 1e-9
+    assert result.refined[result.instances[0]].iterations == 2
+    assert error(scene, result.refined[result.instances[0]].pose_cam_obj) < 1e-9
     assert 0 < refiner.spent[0] < refiner.spent[1] < refiner.spent[-1]
 
 
@@ -111,21 +111,21 @@ def test_the_cost_is_that_of_the_second_search(scene, verification, poses):
     coarse = poses[:4]
     result = choose(scene, verification, SecondSearch(scene.pose), coarse, max_improvement=1.0)
     plain = choose(scene, verification, Recorder(), coarse, max_improvement=1.0)
-    np.testing.assert_array_equal(result.refined[result.best].pose_cam_obj, scene.pose)
+    np.testing.assert_array_equal(result.refined[result.instances[0]].pose_cam_obj, scene.pose)
     together = np.stack([item.pose_cam_obj for item in result.refined])
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
     verifier = Verifier(scene.model, verification)
     evidence = verifier.evidence(observation, together)
-    expected = verifier.competing_costs(evidence, together, np.ones(4))[result.best]
-    assert result.costs[result.best] == expected < plain.costs[plain.best]
-    others = np.arange(4) != result.best
+    expected = verifier.competing_costs(evidence, together, np.ones(4))[result.instances[0]]
+    assert result.costs[result.instances[0]] == expected < plain.costs[plain.instances[0]]
+    others = np.arange(4) != result.instances[0]
     np.testing.assert_array_equal(result.costs[others], plain.costs[others])
 
 
 def test_a_second_search_that_makes_the_pose_worse_is_undone(scene, verification, poses):
     result = choose(scene, verification, SecondSearch(poses[0]), poses)
     plain = choose(scene, verification, Recorder(), poses)
-    np.testing.assert_array_equal(result.refined[result.best].pose_cam_obj, poses[-1])
+    np.testing.assert_array_equal(result.refined[result.instances[0]].pose_cam_obj, poses[-1])
     np.testing.assert_array_equal(result.costs, plain.costs)
 
 
@@ -139,7 +139,7 @@ def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(scene, verificat
     alone = choose(scene, verification, Recorder(), bad[[1, 3, 5]], max_improvement=1.0)
     np.testing.assert_array_equal(result.sources, np.array([1, 3, 5])[alone.sources])
     np.testing.assert_array_equal(result.costs, alone.costs)
-    assert result.sources[result.best] == 5
+    assert result.sources[result.instances[0]] == 5
     refiner = Recorder()
     assert search_of(scene, verification, refiner, bad[[0, 2, 4]]).find() is None
     assert refiner.asked == [] and refiner.searched_again == []

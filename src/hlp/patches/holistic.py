@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import cv2
 import numpy as np
 from annotated_types import Interval, Le, Unit
 from jaxtyping import Float
@@ -20,6 +21,7 @@ from hlp.arrays import (
     Rgb,
     Values,
 )
+from hlp.kernels import compiled_ahead
 from hlp.patches.sampling import sample_squares
 from hlp.records import Region
 from hlp.settings import Count, Doc, PositiveOrNone, Settings, WholeNumber
@@ -102,7 +104,7 @@ def pixel_grid(shape: tuple[int, int], step: int) -> Pixels:
 
 def center_depths(depth: Image, pixels: Pixels) -> Values:
     """Median of the depths (m) present in the 3 × 3 pixels around each pixel; 0 if none is."""
-    padded = np.pad(depth, 1)
+    padded = cv2.copyMakeBorder(depth, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
     x, y = pixels[:, 0], pixels[:, 1]
     near = np.stack([padded[y + dy, x + dx] for dy in range(3) for dx in range(3)], axis=1)
     near = np.sort(np.where(near > 0, near, np.inf), axis=1)
@@ -175,28 +177,34 @@ def region_weights(region: Region, pixels: Positions, radii: Values) -> Values:
     """Weights, 0.01…1, of pixels (x, y): how probable it is that they show the region's object.
 
     The largest probability among the windows whose centres are within `radii` px, half the object's
-    extent. Most of a region does not show the object; patches near windows of low probability
-    should not outvote those near windows of high probability.
+    extent. Patches near windows of low probability should not outvote those near likely ones.
     """
-    likely = region.probabilities > _MIN_WEIGHT
-    centers = region.centers[likely].astype(np.float64)
-    squared = np.square(pixels[:, :1] - centers[:, 0]) + np.square(pixels[:, 1:] - centers[:, 1])
-    weights = np.where(squared <= np.square(radii)[:, None], region.probabilities[likely], 0.0)
-    return np.asarray(weights.max(axis=1, initial=_MIN_WEIGHT), dtype=np.float64)
+    order = np.argsort(-region.probabilities)[: np.sum(region.probabilities > _MIN_WEIGHT)]
+    windows = region.centers[order], region.probabilities[order]
+    weights = np.full(len(pixels), _MIN_WEIGHT, windows[1].dtype).astype(np.float64)
+    of = pixels, radii, *windows, weights
+    _fill_from_likeliest(*(np.ascontiguousarray(part, np.float64) for part in of))
+    return weights
+
+
+@compiled_ahead()
+def _fill_from_likeliest(
+    pixels: Positions, radii: Values, centers: Positions, likely: Values, weights: Values
+) -> None:
+    """Fill the weights of pixels with a window near enough; the likeliest windows come first."""
+    for i in range(len(pixels)):
+        for k in range(len(centers)):
+            dx, dy = pixels[i, 0] - centers[k, 0], pixels[i, 1] - centers[k, 1]
+            if dx * dx + dy * dy <= radii[i] * radii[i]:
+                weights[i] = likely[k]
+                break
 
 
 def union_of_squares(centers: Positions, half_sides: Values, shape: tuple[int, int]) -> Mask:
-    """Pixels within any square, by a summed-area table of the squares' corners."""
-    height, width = shape
-    left, top = np.rint(centers - half_sides[:, None]).astype(int).T
-    right, bottom = np.rint(centers + half_sides[:, None]).astype(int).T + 1
-    left, right = np.clip(left, 0, width), np.clip(right, 0, width)
-    top, bottom = np.clip(top, 0, height), np.clip(bottom, 0, height)
-    table = np.zeros((height + 1, width + 1), dtype=np.int32)
-    np.add.at(table, (top, left), 1)
-    np.add.at(table, (bottom, right), 1)
-    np.add.at(table, (top, right), -1)
-    np.add.at(table, (bottom, left), -1)
-    np.cumsum(table, axis=0, out=table)
-    np.cumsum(table, axis=1, out=table)
-    return np.asarray(table[:height, :width] > 0)
+    """Pixels within any square."""
+    mask = np.zeros(shape, dtype=bool)
+    first = np.maximum(np.rint(centers - half_sides[:, None]), 0).astype(int).tolist()
+    end = np.maximum(np.rint(centers + half_sides[:, None]) + 1, 0).astype(int).tolist()
+    for (left, top), (right, bottom) in zip(first, end, strict=True):
+        mask[top:bottom, left:right] = True
+    return mask

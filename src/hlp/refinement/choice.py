@@ -47,11 +47,6 @@ class RefinedHypotheses:
     instances: tuple[int, ...]
 
     @property
-    def best(self) -> int:
-        """The row of the instance that was chosen first."""
-        return self.instances[0]
-
-    @property
     def chosen_poses(self) -> list[Pose]:
         """The poses of the instances, in the order of choice."""
         return [self.refined[row].pose_cam_obj for row in self.instances]
@@ -131,9 +126,8 @@ class InstanceSearch:
                 break
         if not self._instances:
             return None
-        sources, seeds = np.array(self._sources), np.array(self._seeds)
-        chosen_rows = tuple(self._instances)
-        return RefinedHypotheses(self._refined, self._costs, sources, seeds, chosen_rows)
+        arrays = self._costs, np.array(self._sources), np.array(self._seeds)
+        return RefinedHypotheses(self._refined, *arrays, tuple(self._instances))
 
     def _scores_below(self, pose_cam_obj: Pose, limit: float) -> bool:
         """Whether poses are scored, and this one lower."""
@@ -279,8 +273,7 @@ class InstanceSearch:
         return Evidence(*np.array([self._judged[key] for key in keys]).T)
 
     def _refined_poses(self, rows: Rows) -> Poses:
-        poses = [self._refined[row].pose_cam_obj for row in rows]
-        return np.stack(poses) if poses else np.zeros((0, 4, 4))
+        return np.array([self._refined[row].pose_cam_obj for row in rows]).reshape(-1, 4, 4)
 
     def _spent(self) -> float:
         return time.perf_counter() - self._begun

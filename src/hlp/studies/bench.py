@@ -145,7 +145,7 @@ def _detect_all(
         context = estimator.prepare(frame, observer=clock.enter) if context is None else context
         trace = search_frame(context, {object_id: 1}, by_threads=False)[object_id]
         spent, refined = clock.stop(), trace.refined
-        pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
+        pose = None if refined is None else refined.chosen_poses[0]
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
         found.append(bench_times.TimedDetection(estimate, place, spent))
     return found

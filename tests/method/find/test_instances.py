@@ -221,9 +221,9 @@ def off(row):
 def test_what_stands_on_anothers_pixels_is_chosen_anew(row, off, elsewhere):
     estimator = Twins(row[0])
     found, resolved = estimator.resolve({1: [row[0].pose], 2: [off, elsewhere]})
-    assert found[2].sources[found[2].best] == 0
+    assert found[2].sources[found[2].instances[0]] == 0
     assert resolved[1] is found[1] and estimator.asked == [1, 2, 2]
-    assert resolved[2].sources[resolved[2].best] == 1
+    assert resolved[2].sources[resolved[2].instances[0]] == 1
     assert [*estimator.context.barren] == [1]  # where it was, its templates may fit again
 
 

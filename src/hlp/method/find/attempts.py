@@ -150,7 +150,7 @@ class Attempts:
         self._answers = [other for other in self._answers if other.row != answer.row]
         before = self._score(answer.pose)
         for part in parts:
-            row = sum(len(others.refined) for others in self._found) + part.best
+            row = sum(len(others.refined) for others in self._found) + part.instances[0]
             self._found.append(replace(part, sources=np.full_like(part.sources, -1)))
             (pose,) = part.chosen_poses
             scores = np.array([self._score(pose), before])

@@ -201,8 +201,7 @@ class PoseEstimator:
     def _patch_pixels(self, frame: Frame, region: Region) -> Pixels:
         """Centres of the region's patches; of too many, more of those at likely windows."""
         grid = self.settings.coarse.grid
-        if len(pixels := region_pixels(region.mask, grid.step)) <= grid.max_patches:
-            return pixels
+        pixels = region_pixels(region.mask, grid.step)
         radii = self._radii(frame, pixels, self.learnt.models[region.object_id])
         weights = region_weights(region, pixels.astype(np.float64), radii)
         return np.asarray(pixels[thin_out(weights, grid.max_patches)])
