@@ -117,12 +117,8 @@ def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
     y, x = np.mgrid[: shape[0], : shape[1]]
     for (cx, cy), side in zip(centers, sides, strict=True):
         half = scale * side / 2
-        expected |= (
-            (np.rint(cx - half) <= x)
-            & (x <= np.rint(cx + half))
-            & (np.rint(cy - half) <= y)
-            & (y <= np.rint(cy + half))
-        )
+        across = (np.rint(cx - half) <= x) & (x <= np.rint(cx + half))
+        expected |= across & (np.rint(cy - half) <= y) & (y <= np.rint(cy + half))
     assert 0.2 < expected.mean() < 1.0
     np.testing.assert_array_equal(found.mask, expected)
 

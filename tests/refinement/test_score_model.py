@@ -129,8 +129,11 @@ def falls_by(**changes):
     return logit(COLORLESS.score(fit)) - np.array(found)
 
 
-def test_a_narrow_side_is_less_likely_right():
+def test_a_narrow_side_is_less_likely_right_and_less_so_if_one_is_known_to_be_there():
     assert falls_by(projected_share=(1.0, 0.8, 0.5, 0.25)) == pytest.approx([0.0, 1.6, 4.0, 6.0])
+    narrow = PoseFit(0.2, 0.8, 0.8, 1.0, 1.0, projected_share=0.5)
+    known = logit(known_score(COLORLESS, narrow)) - logit(COLORLESS.score(narrow))
+    assert known == pytest.approx(logit(0.9) - logit(0.6) + 2.5)
 
 
 def test_a_pose_with_which_few_pixels_agree_is_less_likely_right():

@@ -28,6 +28,7 @@ _DULL = 15.0  # of the logit, for each unit of `PoseFit.edge` … (D)
 _AT_EDGES = 0.25  # beyond this (D)
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
 _NARROW = 8.0  # of the logit, times what the silhouette lacks of the broadest side (D)
+_NARROW_ONCE = 3.0  # the same of the only instance known to be there: as fitted (D)
 _MANY_PIXELS = 5000.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
 _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
 _USUAL = 0.05  # … and this (D)
@@ -51,10 +52,10 @@ class ScoreModel:
     fraction, a what the appearance tells, d how much the colours contradict, and b the fraction
     beyond the image's border: what it does not show contradicts no pose, so wrong ones gather
     there. n is the share by which the silhouette is smaller than the object's broadest side, p are
-    the pixels that agree, at most 5000: what is narrow or small is like many things. For objects
-    with colours, n and the logarithm are 0. z is the mean Fisher transform artanh(r) of the
-    correlations r of depth and slope, drawn to a neutral value where the model itself is nearly a
-    plane, and 0 where too few of its pixels are seen.
+    the pixels that agree, at most 5000: what is narrow or small is like many things (`scores` has
+    3·n for the only instance known to be there). With colours, n and the logarithm are 0. z is the
+    mean Fisher transform artanh(r) of the correlations r of depth and slope, drawn to a neutral
+    value where the model itself is nearly a plane, and 0 where too few of its pixels are seen.
     `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls when the
     fit is better. An object of which less than 0.3 is seen is not found: its score is below
     `MIN_SCORE`, in proportion.
@@ -91,12 +92,13 @@ class ScoreModel:
         """
         if not known_present:
             return [self.score(fit) for fit in fits]
+        if len(fits) < 2:
+            return [self._probability(fit, more=PRESENT + once_evidence(fit)) for fit in fits]
         found = np.array([self._probability(fit, more=PRESENT) for fit in fits])
-        if not self.colorless or len(fits) < 2:
+        if not self.colorless:
             return [float(score) for score in found]
         told = PRESENT + self._compared(fits, found)
-        pairs = zip(fits, told.tolist(), strict=True)
-        return [self._probability(fit, more=more) for fit, more in pairs]
+        return [self._probability(fit, more=more) for fit, more in zip(fits, told, strict=True)]
 
     def _compared(self, fits: Sequence[PoseFit], scores: Values) -> Values:
         """What is added to the logit of each, for how well the surest others fit."""
@@ -180,6 +182,11 @@ def dullness_evidence(fit: PoseFit) -> float:
     A log-likelihood ratio of at most 0: where colours cannot contradict, missing edges do.
     """
     return _DULL * max(1.0 - fit.contrast / _COLORFUL, 0.0) * min(_AT_EDGES - fit.edge, 0.0)
+
+
+def once_evidence(fit: PoseFit) -> float:
+    """Added to the logit of the only instance known to be in an image: narrow sides tell less."""
+    return (_NARROW - _NARROW_ONCE) * (1.0 - fit.projected_share)
 
 
 def score_inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:

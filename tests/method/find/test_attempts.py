@@ -25,7 +25,7 @@ class Scores:
 
     def __init__(self, verifier, scores, templates=True):
         self._verifier, self._scores, self._templates = verifier, scores, templates
-        self.asked, self.appearances, self.settled, self.turned, self.costs = [], {}, {}, {}, {}
+        self.asked, self.appearances, self.settled, self.turned, self.fits = [], {}, {}, {}, {}
 
     def has_templates(self, _):
         return self._templates
@@ -43,7 +43,7 @@ class Scores:
         return self.score(_, pose)
 
     def measure(self, _, pose):
-        return PoseFit(self.costs.get(pose.tobytes(), 0.0), 0.0, 0.0, 1.0, 1.0)
+        return self.fits.get(pose.tobytes(), PoseFit(0.0, 0.0, 0.0, 1.0, 1.0))
 
     def score(self, _, pose):
         nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
@@ -133,9 +133,10 @@ def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(
 
 @pytest.mark.parametrize(("templates", "found"), [(True, [2]), (False, [0])])
 def test_of_a_single_part_the_likeliest_pose_is_the_answer(verifier, templates, found):
-    """Whichever of them the search chose, by cost; of a coloured object, the one it chose."""
+    """Whichever the search chose, by cost, and how narrow it is; if coloured, the chosen one."""
     context = frame(verifier, WHITE, WHITE, WHITE)
-    estimator = Scores(verifier, [0.001, 0.0, 0.8, 0.0], templates)
+    estimator = Scores(verifier, [0.02, 0.0, 0.01, 0.0], templates)
+    estimator.fits[POSES[2].tobytes()] = PoseFit(0.0, 0.0, 0.0, 1.0, 1.0, projected_share=0.6)
     assert found_places(attempts(estimator, context, 1, refined(POSES[0], POSES[2]))) == found
 
 
@@ -170,7 +171,7 @@ def test_in_the_end_the_look_tells_less_of_answers_that_it_chose(verifier, color
     tried = attempts(estimator, context, 2, refined(POSES[0], POSES[2]), min_score=0.3)
     tried.merged()
     assert estimator.settled == {key: estimator.appearances[key] for key in estimator.settled}
-    estimator.costs[POSES[2].tobytes()] = 0.15
+    estimator.fits[POSES[2].tobytes()] = PoseFit(0.15, 0.0, 0.0, 1.0, 1.0)
     tried.merged()
     fallen = [estimator.appearances[key] - told for key, told in estimator.settled.items()]
     assert fallen == pytest.approx([0.0, 30.0 * (0.15 - 0.03)])

@@ -15,7 +15,7 @@ from hlp.method.find.related_poses import poses_beside, poses_within
 from hlp.records import Hypotheses
 from hlp.refinement.appearance import BEST_OF_MANY, FrameColors, PartAppearance, appearance_evidence
 from hlp.refinement.choice import RefinedHypotheses
-from hlp.refinement.score_model import MIN_SCORE, logits_of
+from hlp.refinement.score_model import MIN_SCORE, logits_of, once_evidence
 from hlp.refinement.verification import Observation
 
 CoarsePoses = Callable[[int, Observation | None], Hypotheses]
@@ -251,9 +251,12 @@ class Attempts:
         ]
 
     def _score(self, pose: Pose, appearance: float = BEST_OF_MANY) -> float:
+        fits, of = self._context.fits, (self._object_id, pose)
         if self._colorless:
-            self._context.fits.set_appearance(self._object_id, pose, appearance)
-        return self._context.fits.score(self._object_id, pose)
+            once = self._instances == 1 and self._min_score is None
+            more = once_evidence(fits.measure(*of)) if once else 0.0
+            fits.set_appearance(*of, appearance + more)
+        return fits.score(*of)
 
     def _rest(self) -> Unexplained:
         seen = self._context.observation

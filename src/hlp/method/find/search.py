@@ -78,23 +78,23 @@ class _FrameSearch:
         """Stage 1 (paper, section 3.1). `shared` seconds were spent for all objects before."""
 
         def find(object_id: int) -> ObjectTrace:
-            begun = time.perf_counter()
             if object_id in given:
                 return given[object_id]
+            begun = time.perf_counter() - shared * (object_id in [*self.counts][:1])
             # Where their number is known, instances that one look has missed are looked for anew.
             instances = 1 if self.min_score is None else self.counts[object_id]
             region = self.context.estimator.find_region(self.context, object_id, instances)
             return ObjectTrace(region, seconds={"holistic": time.perf_counter() - begun})
 
-        return _with_more_for_first(self._each([*self.counts], find), shared)
+        return self._each([*self.counts], find)
 
     def find_poses(self, traces: dict[int, ObjectTrace], last: Stage) -> dict[int, ObjectTrace]:
         """Stages 2 and 3 of each object, as if it were alone; stage 2 alone if that is the last."""
-        order = list(traces)
+        order, begun = list(traces), time.perf_counter()
+        first, shared = order[:1], 0.0
         if self.by_threads:
-            begun = time.perf_counter()
             self.context.estimator.share_patches(self.context, map(_region, traces.values()))
-            traces = _with_more_for_first(traces, time.perf_counter() - begun)
+            shared = time.perf_counter() - begun
             # Objects that the classifier is least sure of take longest: no thread then waits long
             # for the others at the end of the frame.
             order = sorted(order, key=lambda object_id: _evidence(_region(traces[object_id])))
@@ -103,7 +103,8 @@ class _FrameSearch:
             trace = traces[object_id]
             if trace.hypotheses is None:  # stage 2 (section 3.2)
                 found = self.context.estimator.find_hypotheses(self.context, _region(trace))
-                trace = replace(found, seconds={**trace.seconds, **found.seconds})
+                more = {"local": found.seconds["local"] + shared * (object_id in first)}
+                trace = replace(found, seconds={**trace.seconds, **found.seconds, **more})
             if last == "hypotheses":
                 return trace
             begun = time.perf_counter()
@@ -150,9 +151,8 @@ class _FrameSearch:
             refined, spent = found[object_id], traces[object_id].seconds
             poses = () if refined is None else refined.chosen_poses
             own = tuple(fits.measure(object_id, pose) for pose in poses)
-            measured = replace(traces[object_id], refined=refined, fits=own)
-            more = spent["refinement"] + share + time.perf_counter() - begun
-            return replace(measured, seconds={**spent, "refinement": more})
+            more = {"refinement": spent["refinement"] + share + time.perf_counter() - begun}
+            return replace(traces[object_id], refined=refined, fits=own, seconds={**spent, **more})
 
         return self._each([*traces], measure)
 
@@ -160,16 +160,6 @@ class _FrameSearch:
 def _region(trace: ObjectTrace) -> Region:
     assert trace.region is not None
     return trace.region
-
-
-def _with_more_for_first(traces: dict[int, ObjectTrace], seconds: float) -> dict[int, ObjectTrace]:
-    """Traces whose first object has more time of stage 1, if it spent any on it."""
-    first = next(iter(traces), None)
-    if first is None or "holistic" not in traces[first].seconds:
-        return traces
-    spent = traces[first].seconds
-    more = {**spent, "holistic": spent["holistic"] + seconds}
-    return {**traces, first: replace(traces[first], seconds=more)}
 
 
 def _evidence(region: Region) -> float:
