@@ -28,7 +28,7 @@ _DULL = 15.0  # of the logit, for each unit of `PoseFit.edge` … (D)
 _AT_EDGES = 0.25  # beyond this (D)
 _CUT_OFF = 10.0  # of the logit, times the squared fraction beyond the image's border (D)
 _NARROW = 8.0  # of the logit, times what the silhouette lacks of the broadest side (D)
-_NARROW_ONCE = 3.0  # the same of the only instance known to be there: as fitted (D)
+_NARROW_ONCE = 3.0  # the same of a single answer for what is known to be there: as fitted (D)
 _MANY_PIXELS = 5000.0  # that agree: with fewer, the logit falls by the logarithm of their share (D)
 _WORSE = np.array([30.0, 15.0])  # of the logit, times cost and edge beyond those of others … (D)
 _USUAL = 0.05  # … and this (D)
@@ -53,7 +53,7 @@ class ScoreModel:
     beyond the image's border: what it does not show contradicts no pose, so wrong ones gather
     there. n is the share by which the silhouette is smaller than the object's broadest side, p are
     the pixels that agree, at most 5000: what is narrow or small is like many things (`scores` has
-    3·n for the only instance known to be there). With colours, n and the logarithm are 0. z is the
+    3·n for a single answer known to be there). With colours, n and the logarithm are 0. z is the
     mean Fisher transform artanh(r) of the correlations r of depth and slope, drawn to a neutral
     value where the model itself is nearly a plane, and 0 where too few of its pixels are seen.
     `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls when the
@@ -185,7 +185,7 @@ def dullness_evidence(fit: PoseFit) -> float:
 
 
 def once_evidence(fit: PoseFit) -> float:
-    """Added to the logit of the only instance known to be in an image: narrow sides tell less."""
+    """Added to the logit of a single answer, known to be there: narrow sides tell less."""
     return (_NARROW - _NARROW_ONCE) * (1.0 - fit.projected_share)
 
 
