@@ -74,6 +74,16 @@ def test_a_closed_mesh_is_known_whether_its_faces_share_vertices_or_not():
         np.testing.assert_array_equal(one, other)
 
 
+def test_closed_is_a_mesh_with_four_faces_at_an_edge_but_not_one_with_a_hole_or_inside_out():
+    cube = trimesh.creation.box((0.1, 0.1, 0.1))
+    both = trimesh.util.concatenate([cube, cube.copy().apply_translation((0.1, 0.1, 0.0))])
+    assert prepare_mesh(as_mesh(both)).closed
+    both.faces = both.faces[:-1]
+    assert not prepare_mesh(as_mesh(both)).closed
+    cube.faces = cube.faces[:, ::-1]
+    assert not prepare_mesh(as_mesh(cube)).closed
+
+
 def test_the_nearest_face_is_seen_and_lanes_spill_nowhere():
     """A triangle of one pixel at the right border: the lanes beyond it draw nothing."""
     corners = np.array(

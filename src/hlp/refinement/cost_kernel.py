@@ -24,7 +24,7 @@ from hlp.rendering.zbuffer import (
 WORST = 1.0
 """Cost of a pose outside the image or without any observed depth where it is rendered."""
 _ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
-_Framed = Float32[np.ndarray, "h+2 w+5"]
+_Framed = Float32[np.ndarray, "h+2 w+9"]
 
 
 class RegionImages(NamedTuple):
@@ -34,7 +34,7 @@ class RegionImages(NamedTuple):
     """
 
     observed: _Framed
-    edge_costs: Float32[np.ndarray, "d h+2 w+5"]
+    edge_costs: Float32[np.ndarray, "d h+2 w+9"]
     reference: _Framed
 
 

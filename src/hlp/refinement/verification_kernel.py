@@ -85,7 +85,7 @@ def sum_evidence(
 @compiled(error_model="numpy")
 def _sum_row(
     around: ThreeRows,
-    faces: tuple[Float32[np.ndarray, "f 3"], Int32[np.ndarray, "c+5"]],
+    faces: tuple[Float32[np.ndarray, "f 3"], Int32[np.ndarray, "c+9"]],
     row: tuple[Float32[np.ndarray, "c"], UInt8[np.ndarray, "c 3"], Float32[np.ndarray, "4 c"]],
     taus: tuple[np.float32, np.float32, np.float32],
     step: np.float32,
