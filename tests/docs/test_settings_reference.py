@@ -71,8 +71,7 @@ def test_a_field_becomes_a_row(keys, name, kind, default, unit, limits, descript
 def test_nested_records_have_tables_of_their_own(settings_reference, keys):
     tables = settings_reference.tables_of(Outer, "things.")
     assert [table.title for table in tables] == ["Outer", "Inner", "Inner"]
-    assert "things.inner" not in keys
-    assert "things.made" not in keys
+    assert not keys.keys() & {"things.inner", "things.made"}
 
 
 def test_a_table_in_markdown(settings_reference):

@@ -17,7 +17,7 @@ from hlp.records import Mesh
 from hlp.rendering.rasterizer import NEAR, covered
 
 VECTOR_WIDTH = 8
-"""Pixels of a row that are drawn at once: SIMD lanes of AVX2, in which hardly a triangle is wider."""
+"""Pixels of a row that are drawn at once (SIMD lanes of AVX2): hardly a triangle is wider."""
 DIRECTIONS = 4
 """Directions of an edge's gradient, of half a turn, from that of x towards y."""
 _ONE, _ZERO, _TWO = np.float32(1.0), np.float32(0.0), np.float32(2.0)
@@ -48,19 +48,14 @@ def prepare_mesh(mesh: Mesh) -> KernelMesh:
 
 
 def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Points) -> bool:
-    """Whether a mesh is closed and wound outwards, so that its back faces are never visible.
-
-    Its faces pass each edge as often in one direction as in the other: scans and decimated meshes
-    have edges at which four faces meet.
-    """
+    """Whether a mesh has no hole (its edges are passed as often forth as back), wound outwards."""
+    # Its back faces are not visible then, but where it folds over itself.
     start = np.asarray(faces, dtype=np.int64).ravel()
     end = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
     forth = np.sort(start * len(vertices) + end)
     back = np.sort(end * len(vertices) + start)
-    if not np.array_equal(forth, back):
-        return False
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return bool(np.einsum("ij,ij->", a, np.cross(b, c)) > 0.0)
+    return bool(np.array_equal(forth, back) and np.einsum("ij,ij->", a, np.cross(b, c)) > 0.0)
 
 
 @compiled()
@@ -121,14 +116,15 @@ def draw_triangles(
     width = stride - 1 - VECTOR_WIDTH
     flat = inverse.reshape(-1)
     seen = None if triangles is None else triangles.reshape(-1)  # resolved at compile time
-    faces, shown = mesh.faces, np.empty(len(mesh.faces), dtype=np.int32)
-    for i in range(_choose_faces(corners, mesh, shown)):
-        face = shown[i]
+    faces, cull = mesh.faces, mesh.closed
+    for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         ax, ay, wa = corners[0, a], corners[1, a], corners[2, a]
         bx, by, wb = corners[0, b], corners[1, b], corners[2, b]
         cx, cy, wc = corners[0, c], corners[1, c], corners[2, c]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if cull and area >= _ZERO:
+            continue
         left, right = min(ax, bx, cx), max(ax, bx, cx)
         top, bottom = min(ay, by, cy), max(ay, by, cy)
         box = *covered(left, right, _TOLERANCE, width), *covered(top, bottom, _TOLERANCE, height)
@@ -143,25 +139,6 @@ def draw_triangles(
         limits = -_TOLERANCE * (right - left + bottom - top) * abs(scale), low, high
         steps = (b_x, c_x, w_x), (b_y, c_y, w_y)
         _draw_box(flat, seen, stride, face, box, (ax, ay, wa), steps, limits)
-
-
-@compiled(forceinline=True)
-def _choose_faces(
-    corners: Float32[np.ndarray, "3 v"], mesh: KernelMesh, shown: Int32[np.ndarray, "f"]
-) -> int:
-    """Fill `shown` with the faces to draw, without back faces of a closed mesh; their number.
-
-    Half of all faces are back faces, in no order: a branch for each would be mispredicted.
-    """
-    faces, count, all_shown = mesh.faces, 0, not mesh.closed
-    for face in range(faces.shape[0]):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        ax, ay = corners[0, a], corners[1, a]
-        area = (corners[0, b] - ax) * (corners[1, c] - ay)
-        area -= (corners[1, b] - ay) * (corners[0, c] - ax)
-        shown[count] = face
-        count += all_shown | (area < _ZERO)
-    return count
 
 
 @compiled(forceinline=True)
