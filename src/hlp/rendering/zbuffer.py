@@ -48,7 +48,7 @@ def prepare_mesh(mesh: Mesh) -> KernelMesh:
 
 
 def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Points) -> bool:
-    """Whether a mesh has no hole (its edges are passed as often forth as back), wound outwards."""
+    """Whether a mesh has no hole (edges go as often forth as back) and is wound outwards."""
     # Its back faces are not visible then, but where it folds over itself.
     start = np.asarray(faces, dtype=np.int64).ravel()
     end = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
