@@ -1,24 +1,9 @@
 import numpy as np
 import pytest
 
-from hlp.patches.holistic import (
-    RegionSettings,
-    Windows,
-    candidate_region,
-    center_depths,
-    cut_windows,
-    depth_code,
-    metric_windows,
-    pixel_grid,
-    region_weights,
-)
-from hlp.records import Region
+from hlp.patches.holistic import center_depths, cut_windows, depth_code, metric_windows, pixel_grid
 
 CAMERA = np.array([[570.0, 0.0, 320.0], [0.0, 574.0, 240.0], [0.0, 0.0, 1.0]])
-
-
-def windows_at(centers, sides):
-    return Windows(np.asarray(centers, float), np.ones(len(sides)), np.asarray(sides, float))
 
 
 @pytest.mark.parametrize(("shape", "step"), [((40, 56), 8), ((33, 47), 8), ((20, 30), 1)])
@@ -77,61 +62,3 @@ def test_cut_windows_holds_the_colour_and_the_coded_depth_of_each(room):
     measured = room.depth[y, x] > 0
     assert (np.abs(code[measured & inside][:, 6, 6].astype(int) - 128) <= 4).all()
     assert (code == 255).any()  # the hole
-
-
-@pytest.mark.parametrize(
-    ("probabilities", "best", "threshold", "min_windows", "accepted"),
-    [
-        ([0.4, 0.9, 0.3], [1, 0, 1], None, 0, [1, 0, 1]),  # the most likely class
-        ([0.1, 0.2], [0, 0], None, 0, [0, 0]),
-        ([0.06, 0.5], [0, 1], None, 8, [1, 1]),  # the most probable make up for too few
-        ([0.06, 0.2, 0.05, 0.04], [0] * 4, 0.3, 3, [1, 1, 1, 0]),
-        ([0.02, 0.5, 0.051, 0.01], [0] * 4, 0.3, 3, [0, 1, 1, 0]),  # but not far less probable ones
-        ([0.0] * 4, [0] * 4, 0.3, 3, [1, 1, 1, 0]),
-        ([], [], 0.1, 4, []),
-    ],
-)
-def test_which_windows_are_accepted(probabilities, best, threshold, min_windows, accepted):
-    count = len(probabilities)
-    windows = windows_at(np.arange(count)[:, None] * [10, 0] + 5, [4.0] * count)
-    settings = RegionSettings(8, threshold, min_windows, 1.0, "exact")
-    given = np.array(probabilities), np.array(best, bool)
-    found = candidate_region(7, windows, *given, (10, 10 * count + 1), 1.0, settings)
-    assert found.object_id == 7
-    assert found.mask[5, 5::10][:count].tolist() == [bool(one) for one in accepted]
-    assert given[1].tolist() == [bool(one) for one in best]  # the caller's array stays as it was
-    np.testing.assert_array_equal(found.probabilities, probabilities)
-
-
-@pytest.mark.parametrize(("reach", "extent", "scale"), [(None, 3.0, 1.0), (0.6, 1.5, 0.9)])
-def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
-    rng = np.random.default_rng(2)
-    shape = (60, 80)
-    centers = np.stack([rng.integers(0, 80, 25), rng.integers(0, 60, 25)], axis=1)
-    sides = rng.uniform(2, 30, 25)
-    found = candidate_region(
-        1, windows_at(centers, sides), np.ones(25), np.ones(25, bool), shape, extent,
-        RegionSettings(8, None, 0, reach, "exact"),
-    )  # fmt: skip
-    expected = np.zeros(shape, bool)
-    y, x = np.mgrid[: shape[0], : shape[1]]
-    for (cx, cy), side in zip(centers, sides, strict=True):
-        half = scale * side / 2
-        across = (np.rint(cx - half) <= x) & (x <= np.rint(cx + half))
-        expected |= across & (np.rint(cy - half) <= y) & (y <= np.rint(cy + half))
-    assert 0.2 < expected.mean() < 1.0
-    np.testing.assert_array_equal(found.mask, expected)
-
-
-def test_region_weight_is_the_highest_probability_of_the_windows_near_a_pixel():
-    rng = np.random.default_rng(0)
-    centers, pixels = rng.uniform(0.0, 100.0, (40, 2)), rng.uniform(0.0, 100.0, (300, 2))
-    probabilities, radii = rng.uniform(0.0, 1.0, 40) ** 4, rng.uniform(5.0, 30.0, 300)
-    near = np.linalg.norm(pixels[:, None] - centers, axis=2) <= radii[:, None]
-    expected = np.maximum((near * probabilities).max(axis=1), 0.01)
-    assert 0.05 < (expected == 0.01).mean() < 0.5
-    region = Region(1, centers, probabilities, np.ones((60, 240), bool))
-    np.testing.assert_array_equal(region_weights(region, pixels, radii), expected)
-    assert region_weights(region, np.zeros((0, 2)), np.zeros(0)).shape == (0,)
-    nothing = Region(1, centers[:0], probabilities[:0], region.mask)
-    assert (region_weights(nothing, pixels, radii) == 0.01).all()

@@ -12,11 +12,11 @@ from hlp.models import classifier, encoder
 from hlp.models.classifier import ClassifierSettings
 from hlp.models.encoder import ENCODERS, EncoderSettings
 from hlp.models.network_encoders import ContrastiveSettings
-from hlp.patches.holistic import HolisticSettings, RegionSettings
+from hlp.patches.holistic import HolisticSettings
 from hlp.patches.holistic_pool import HolisticPoolSettings
 from hlp.patches.local import GridSettings, LocalSettings
 from hlp.patches.local_pool import PairSettings
-from hlp.patches.window_choice import CloserLookSettings
+from hlp.patches.region import CloserLookSettings, RegionSettings
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.score_model import MIN_SCORE

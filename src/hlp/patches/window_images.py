@@ -4,6 +4,7 @@ The same windows as `holistic.cut_windows` makes for training, in one compiled p
 that a window needs is resampled once and stays in the processor's cache.
 """
 
+import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8, UInt64
 
@@ -59,10 +60,9 @@ class WindowImages:
         """The image, halved so often and padded."""
         if level not in self._padded:
             image = area_shrink(self._rgb, 2**level)
-            (height, width), more = image.shape[:2], 2 * _PAD + 1
-            padded = np.zeros((height + more, width + more, _LANES), dtype=np.float32)
-            padded[_PAD : _PAD + height, _PAD : _PAD + width, :3] = image
-            self._padded[level] = padded
+            four, border = cv2.cvtColor(image, cv2.COLOR_RGB2RGBA), cv2.BORDER_CONSTANT
+            padded = cv2.copyMakeBorder(four, _PAD, _PAD + 1, _PAD, _PAD + 1, border)
+            self._padded[level] = padded.astype(np.float32)
         return self._padded[level]
 
 

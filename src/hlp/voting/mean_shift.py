@@ -49,11 +49,13 @@ def find_modes(
     support = np.empty(len(weights))
     team.map_ranges(lambda a, b: sum_support(votes, a, support[a:b]), len(support))
     # More seeds than requested modes, because several may shift to the same mode.
-    seeds = choose_distinct(votes._replace(weights=support), _SEEDS_PER_MODE * limit)
+    order = np.argsort(-support, kind="stable")
+    seeds = choose_distinct(votes, order, _SEEDS_PER_MODE * limit)
     means, found = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
     team.map_ranges(lambda a, b: shift_modes(votes, steps, means[a:b], found[a:b]), len(seeds))
     columns = np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T)
-    kept = choose_distinct(KernelVotes(*columns, found, radius_squared, cosine), limit)
+    votes = KernelVotes(*columns, found, radius_squared, cosine)
+    kept = choose_distinct(votes, np.argsort(-found, kind="stable"), limit)
     return means[kept], found[kept]
 
 
@@ -73,26 +75,25 @@ def sum_support(votes: KernelVotes, first: int, support: Values) -> None:
 
 
 @compiled_ahead()
-def choose_distinct(votes: KernelVotes, limit: int) -> Int[np.ndarray, "s"]:
-    """At most `limit` indices by falling weight, none of which agrees with an earlier one."""
-    positions, quats, weights, radius_squared, cosine = votes
-    chosen = np.empty(limit, dtype=np.int64)
-    remaining = weights.copy()
-    for count in range(limit):
-        best = np.argmax(remaining)
-        if remaining[best] < 0.0:
-            return chosen[:count]
-        chosen[count] = best
-        for j in range(len(remaining)):
-            squared = 0.0
-            for k in range(3):
-                squared += (positions[k, best] - positions[k, j]) ** 2
-            dot = 0.0
-            for k in range(4):
-                dot += quats[k, best] * quats[k, j]
-            if squared <= radius_squared and abs(dot) >= cosine:
-                remaining[j] = -1.0
-    return chosen
+def choose_distinct(
+    votes: KernelVotes, order: Int[np.ndarray, "v"], limit: int
+) -> Int[np.ndarray, "s"]:
+    """At most `limit` indices of an order, none of which agrees with an earlier one."""
+    x, y, z = votes.positions[0], votes.positions[1], votes.positions[2]
+    a, b, c, d = votes.quats[0], votes.quats[1], votes.quats[2], votes.quats[3]
+    chosen, count = np.empty(limit, dtype=np.int64), 0
+    free = np.ones(len(order), dtype=np.bool_)
+    for i in order:
+        if count == limit:
+            break
+        if free[i]:
+            chosen[count] = i
+            count += 1
+            for j in range(len(order)):
+                squared = (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 + (z[i] - z[j]) ** 2
+                dot = abs(a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j])
+                free[j] &= (squared > votes.radius_squared) | (dot < votes.cosine)
+    return chosen[:count]
 
 
 @compiled_ahead()
@@ -114,12 +115,16 @@ def shift_modes(
                     sums[k] = (positions[k, j] if k < 3 else quats[k - 3, j]) * weights[j]
                 sums[7] = weights[j]
             if shift < steps:
-                squared = 0.0
+                squared, moved = 0.0, False
                 for k in range(3, 7):
                     squared += sums[k] * sums[k]
                 for k in range(7):
                     length = sums[7] if k < 3 else np.sqrt(squared)
-                    means[s, k] = sums[k] / max(length, 1e-12)
+                    mean = sums[k] / max(length, 1e-12)
+                    moved |= mean != means[s, k]
+                    means[s, k] = mean
+                if not moved:  # nor will it
+                    break
         mode_support[s] = sums[7]
 
 

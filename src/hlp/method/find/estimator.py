@@ -16,9 +16,9 @@ from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMat
 from hlp.method.find.trace import ObjectTrace, Observer, nobody
 from hlp.method.settings import FindSettings
 from hlp.models.encoder import Encoder
-from hlp.patches import window_choice
-from hlp.patches.holistic import candidate_region, center_depths, region_weights
+from hlp.patches.holistic import center_depths
 from hlp.patches.local import region_pixels, thin_out
+from hlp.patches.region import candidate_region, first_region, likely_regions, region_weights
 from hlp.records import Frame, Hypotheses, ObjectModel, Region
 from hlp.refinement.choice import InstanceSearch, KnownRefinements, RefinedHypotheses
 from hlp.refinement.icp import align_to_depth
@@ -156,14 +156,14 @@ class PoseEstimator:
             return replace(region, mask=both if both.any() else context.mask)
         radii = self._radii(context.frame, region.centers, model)
         side = settings.region.square_side or 0.0  # then centres of windows alone
-        return window_choice.first_region(region, radii, side, settings.closer_look, instances)
+        return first_region(region, radii, side, settings.closer_look, instances)
 
     def other_regions(self, context: FrameContext, region: Region, known: bool) -> Iterator[Region]:
         """Where else to look; at more places if the object is `known` to be in the image."""
         radii = self._radii(context.frame, region.centers, self.learnt.models[region.object_id])
         closer = self.settings.regions.closer_look
         everywhere = known and not self.has_templates(region.object_id)
-        found = window_choice.likely_regions(region, radii, closer, known, everywhere)
+        found = likely_regions(region, radii, closer, known, everywhere)
         inside = True if context.mask is None else context.mask
         parts = (replace(part, mask=part.mask & inside) for part in found)
         return (part for part in parts if part.mask.any())

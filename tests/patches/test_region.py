@@ -1,0 +1,151 @@
+import numpy as np
+import pytest
+
+from hlp.patches.holistic import Windows
+from hlp.patches.region import (
+    CloserLookSettings,
+    RegionSettings,
+    candidate_region,
+    first_region,
+    likely_places,
+    likely_regions,
+    region_weights,
+    union_of_squares,
+)
+from hlp.records import Region
+
+
+def windows_at(centers, sides):
+    return Windows(np.asarray(centers, float), np.ones(len(sides)), np.asarray(sides, float))
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "best", "threshold", "min_windows", "accepted"),
+    [
+        ([0.4, 0.9, 0.3], [1, 0, 1], None, 0, [1, 0, 1]),  # the most likely class
+        ([0.1, 0.2], [0, 0], None, 0, [0, 0]),
+        ([0.06, 0.5], [0, 1], None, 8, [1, 1]),  # the most probable make up for too few
+        ([0.06, 0.2, 0.05, 0.04], [0] * 4, 0.3, 3, [1, 1, 1, 0]),
+        ([0.02, 0.5, 0.051, 0.01], [0] * 4, 0.3, 3, [0, 1, 1, 0]),  # but not far less probable ones
+        ([0.0] * 4, [0] * 4, 0.3, 3, [1, 1, 1, 0]),
+        ([], [], 0.1, 4, []),
+    ],
+)
+def test_which_windows_are_accepted(probabilities, best, threshold, min_windows, accepted):
+    count = len(probabilities)
+    windows = windows_at(np.arange(count)[:, None] * [10, 0] + 5, [4.0] * count)
+    settings = RegionSettings(8, threshold, min_windows, 1.0, "exact")
+    given = np.array(probabilities), np.array(best, bool)
+    found = candidate_region(7, windows, *given, (10, 10 * count + 1), 1.0, settings)
+    assert found.object_id == 7
+    assert found.mask[5, 5::10][:count].tolist() == [bool(one) for one in accepted]
+    assert given[1].tolist() == [bool(one) for one in best]  # the caller's array stays as it was
+    np.testing.assert_array_equal(found.probabilities, probabilities)
+
+
+@pytest.mark.parametrize(("reach", "extent", "scale"), [(None, 3.0, 1.0), (0.6, 1.5, 0.9)])
+def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
+    rng = np.random.default_rng(2)
+    shape = (60, 80)
+    centers = np.stack([rng.integers(0, 80, 25), rng.integers(0, 60, 25)], axis=1)
+    sides = rng.uniform(2, 30, 25)
+    found = candidate_region(
+        1, windows_at(centers, sides), np.ones(25), np.ones(25, bool), shape, extent,
+        RegionSettings(8, None, 0, reach, "exact"),
+    )  # fmt: skip
+    expected = np.zeros(shape, bool)
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    for (cx, cy), side in zip(centers, sides, strict=True):
+        half = scale * side / 2
+        across = (np.rint(cx - half) <= x) & (x <= np.rint(cx + half))
+        expected |= across & (np.rint(cy - half) <= y) & (y <= np.rint(cy + half))
+    assert 0.2 < expected.mean() < 1.0
+    np.testing.assert_array_equal(found.mask, expected)
+
+
+def test_region_weight_is_the_highest_probability_of_the_windows_near_a_pixel():
+    rng = np.random.default_rng(0)
+    centers, pixels = rng.uniform(0.0, 100.0, (40, 2)), rng.uniform(0.0, 100.0, (300, 2))
+    probabilities, radii = rng.uniform(0.0, 1.0, 40) ** 4, rng.uniform(5.0, 30.0, 300)
+    near = np.linalg.norm(pixels[:, None] - centers, axis=2) <= radii[:, None]
+    expected = np.maximum((near * probabilities).max(axis=1), 0.01)
+    assert 0.05 < (expected == 0.01).mean() < 0.5
+    region = Region(1, centers, probabilities, np.ones((60, 240), bool))
+    np.testing.assert_array_equal(region_weights(region, pixels, radii), expected)
+    assert region_weights(region, np.zeros((0, 2)), np.zeros(0)).shape == (0,)
+    nothing = Region(1, centers[:0], probabilities[:0], region.mask)
+    assert (region_weights(nothing, pixels, radii) == 0.01).all()
+
+
+def region_of(centers, probabilities):
+    mask = np.zeros((60, 80), dtype=bool)
+    return Region(4, np.array(centers, float).reshape(-1, 2), np.array(probabilities), mask)
+
+
+def test_a_window_beside_a_likelier_one_is_no_place_of_its_own():
+    rng = np.random.default_rng(2)
+    centers = rng.uniform(0, 60, (200, 2))
+    region = region_of(centers, rng.uniform(0, 1, 200))
+    radii = rng.uniform(5, 15, 200)
+    rows = likely_places(region, radii, 8, 0.02)
+    assert len(rows) == 8
+    expected = []  # one after another, by their definition
+    for row in np.argsort(-region.probabilities):
+        near = [np.linalg.norm(centers[row] - centers[k]) < radii[k] for k in expected]
+        if not any(near):
+            expected.append(int(row))
+    assert rows.tolist() == expected[:8]
+
+
+def test_improbable_windows_are_no_places():
+    region = region_of([(10, 10), (50, 10), (70, 50)], [0.5, 0.01, 0.3])
+    assert likely_places(region, np.full(3, 5.0), 9, 0.02).tolist() == [0, 2]
+    assert likely_places(region_of([], []), np.zeros(0), 9, 0.02).tolist() == []
+
+
+def test_squares_of_a_few_places_at_a_time():
+    region = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.3])
+    settings = CloserLookSettings(places=3, places_at_once=2, side=1.0)
+    first, second = likely_regions(region, np.full(3, 6.0), settings, False, False)
+    assert first.object_id == 4 and first.mask.shape == (60, 80)
+    y, x = np.nonzero(second.mask)
+    assert (x.min(), x.max(), y.min(), y.max()) == (4, 16, 4, 16)
+    assert first.mask.sum() == 2 * 169 and first.mask[10, 40] and first.mask[50, 70]
+
+
+def test_as_many_places_as_asked_for():
+    region, radii = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.1]), np.full(3, 6.0)
+    for most, known, all_, found in [(None, 1, 1, 0), (1, 1, 0, 1), (3, 0, 0, 2), (1, 1, 1, 3)]:
+        settings = CloserLookSettings(places=most, places_at_once=1)
+        assert len([*likely_regions(region, radii, settings, known, all_)]) == found
+
+
+def test_of_a_large_region_the_likeliest_windows_come_first():
+    rng = np.random.default_rng(5)
+    centers, probabilities = rng.uniform(0, (640, 480), (400, 2)), rng.uniform(0, 1, 400)
+    radii = np.full(400, 40.0)
+    everything = union_of_squares(centers, radii * 0.7, (480, 640))
+    region = Region(4, centers, probabilities, everything)
+    found = first_region(region, radii, 0.7, CloserLookSettings(first_area=6.0))
+    assert np.count_nonzero(found.mask) == pytest.approx(6.0 * 80.0**2, rel=0.15)
+    three = first_region(region, radii, 0.7, CloserLookSettings(first_area=2.0), 3)
+    assert np.array_equal(three.mask, found.mask)
+    # One square after the other, until the area is reached.
+    order = np.argsort(-probabilities)
+    areas = [
+        union_of_squares(centers[order[:n]], radii[order[:n]] * 0.7, (480, 640)) for n in range(99)
+    ]
+    assert any((found.mask == area).all() for area in areas)
+
+
+def test_a_small_region_is_searched_whole():
+    mask = np.zeros((60, 80), dtype=bool)
+    mask[10:30, 10:30] = True
+    region = Region(4, np.array([[20.0, 20.0]]), np.array([0.9]), mask)
+    radii = np.array([6.0])
+    assert first_region(region, radii, 0.7, CloserLookSettings(first_area=3.0)) is region
+    assert first_region(region, radii, 0.7, CloserLookSettings(first_area=None)) is region
+    least = first_region(region, radii, 0.7, CloserLookSettings(first_area=0.01))
+    assert np.count_nonzero(least.mask) == 9 * 9  # the likeliest window's square
+    nothing = region_of([], [])
+    assert first_region(nothing, np.zeros(0), 0.7, CloserLookSettings()) is nothing
