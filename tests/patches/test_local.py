@@ -1,14 +1,7 @@
 import numpy as np
 import pytest
 
-from hlp.patches.local import (
-    LocalSettings,
-    cut_local_patches,
-    plane_deviations,
-    region_pixels,
-    surface_pixels,
-    thin_out,
-)
+from hlp.patches.local import LocalSettings, cut_local_patches, plane_deviations, surface_pixels
 
 CAMERA = np.array([[200.0, 0.0, 50.0], [0.0, 204.0, 40.0], [0.0, 0.0, 1.0]])
 MASKED = LocalSettings(16, 1.0, True)
@@ -93,31 +86,6 @@ def test_patches_without_depth_or_with_too_little_of_it_are_left_out(scene):
 def test_no_pixels_give_no_patches(scene):
     cut = cut_local_patches(*scene, CAMERA, np.zeros((0, 2), int), SIZE, MASKED, 0.2)
     assert len(cut) == 0 and cut.color.shape == (0, 16, 16, 3)
-
-
-def test_region_pixels_lie_in_the_region():
-    mask = np.zeros((64, 64), bool)
-    mask[16:48, 8:56] = True
-    every = region_pixels(mask, 8)
-    assert len(every) == 4 * 6 and mask[every[:, 1], every[:, 0]].all()
-    assert len(region_pixels(~np.ones((64, 64), bool), 8)) == 0
-
-
-@pytest.mark.parametrize("count", [1, 7, 50, 400, 999])
-def test_density_follows_the_weights(count):
-    rng = np.random.default_rng(count)
-    weights = np.where(np.arange(1000) < 300, 0.9, 0.01) * rng.uniform(0.8, 1.2, 1000)
-    chosen = thin_out(weights, count)
-    assert len(chosen) <= count and len(chosen) >= count - 1
-    assert (np.diff(chosen) > 0).all()
-    likely = np.count_nonzero(chosen < 300)
-    expected = min(300.0, count * weights[:300].sum() / weights.sum())
-    assert abs(likely - expected) <= 3
-
-
-def test_few_items_are_all_kept_and_equal_weights_thin_evenly():
-    np.testing.assert_array_equal(thin_out(np.ones(5), 9), np.arange(5))
-    np.testing.assert_array_equal(np.diff(thin_out(np.full(90, 0.3), 30)), np.full(29, 3))
 
 
 def test_surface_pixels_are_drawn_from_the_surface_without_repetition():

@@ -9,10 +9,14 @@ from hlp.patches.region import (
     first_region,
     likely_places,
     likely_regions,
+    object_radii,
+    patch_pixels,
+    region_pixels,
     region_weights,
+    thin_out,
     union_of_squares,
 )
-from hlp.records import Region
+from hlp.records import Frame, Region
 
 
 def windows_at(centers, sides):
@@ -149,3 +153,47 @@ def test_a_small_region_is_searched_whole():
     assert np.count_nonzero(least.mask) == 9 * 9  # the likeliest window's square
     nothing = region_of([], [])
     assert first_region(nothing, np.zeros(0), 0.7, CloserLookSettings()) is nothing
+
+
+def test_region_pixels_lie_in_the_region():
+    mask = np.zeros((64, 64), bool)
+    mask[16:48, 8:56] = True
+    every = region_pixels(mask, 8)
+    assert len(every) == 4 * 6 and mask[every[:, 1], every[:, 0]].all()
+    assert len(region_pixels(~np.ones((64, 64), bool), 8)) == 0
+
+
+@pytest.mark.parametrize("count", [1, 7, 50, 400, 999])
+def test_density_follows_the_weights(count):
+    rng = np.random.default_rng(count)
+    weights = np.where(np.arange(1000) < 300, 0.9, 0.01) * rng.uniform(0.8, 1.2, 1000)
+    chosen = thin_out(weights, count)
+    assert len(chosen) <= count and len(chosen) >= count - 1
+    assert (np.diff(chosen) > 0).all()
+    likely = np.count_nonzero(chosen < 300)
+    expected = min(300.0, count * weights[:300].sum() / weights.sum())
+    assert abs(likely - expected) <= 3
+
+
+def test_few_items_are_all_kept_and_equal_weights_thin_evenly():
+    np.testing.assert_array_equal(thin_out(np.ones(5), 9), np.arange(5))
+    np.testing.assert_array_equal(np.diff(thin_out(np.full(90, 0.3), 30)), np.full(29, 3))
+
+
+def test_a_share_of_the_patches_prefers_likely_windows():
+    mask, centers = np.ones((240, 320), bool), np.array([[60.0, 60.0], [200.0, 150.0]])
+    region = Region(1, centers, np.array([0.9, 0.02]), mask)
+    frame = Frame(
+        1,
+        1,
+        np.zeros((240, 320, 3), np.uint8),
+        np.full(mask.shape, 0.8, np.float32),
+        np.diag([400.0, 400.0, 1.0]),
+    )
+    model = next(iter(demo_objects().values()))
+    radius = 400.0 * model.diameter / 0.8 / 2.0
+    np.testing.assert_allclose(object_radii(frame, centers, model), radius, rtol=1e-6)
+    for share, most in ((1.0, 100), (0.5, 50)):
+        pixels = patch_pixels(frame, region, model, GridSettings(max_patches=100), share)
+        near = np.linalg.norm(pixels - centers[0], axis=1) <= radius
+        assert most - 1 <= len(pixels) <= most and near.mean() > 0.8

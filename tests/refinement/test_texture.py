@@ -202,7 +202,7 @@ def test_without_colours_or_pixels_nothing_contradicts():
 def test_agreement_of_colours_is_the_correlation_without_light():
     """By its definition: least squares instead of a projection, NumPy's dot products."""
     pose, observation = _scene(CARTON, 1)
-    seen = texture._seen_surface(observation, CARTON.mesh, CARTON, pose)
+    seen = texture._seen_surface(observation, CARTON, pose)
     grid = color_grid(CARTON.mesh)
     cells = ((seen.points - grid.corner) // grid.cell).astype(int)
     drawn = np.log([20.0 + grid.colors[tuple(np.maximum(cell, 0))] for cell in cells])

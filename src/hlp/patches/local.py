@@ -11,23 +11,20 @@ from hlp.arrays import (
     CameraMatrix,
     DepthPatches,
     Image,
-    Mask,
     MaskPatches,
     Pixels,
     Positions,
     Rgb,
-    Rows,
     Values,
 )
 from hlp.geometry import back_project
 from hlp.kernels import compiled_ahead
-from hlp.patches.holistic import center_depths, pixel_grid
+from hlp.patches.holistic import center_depths
 from hlp.patches.sampling import sample_squares
 from hlp.records import MILLIMETRE, LocalPatches
 from hlp.settings import Count, Doc, Positive, PositiveOrNone, Settings, Share
 
 _FILL_COLOR = 128  # grey
-_ROUNDS = 8
 _FILL_DEPTH = 1.0  # the far end of the clamped range
 
 
@@ -186,29 +183,6 @@ def _normalise_depth(
                     depth[i, y, x] = fill
                     for channel in range(color.shape[3]):
                         color[i, y, x, channel] = _FILL_COLOR
-
-
-def region_pixels(mask: Mask, step: int) -> Pixels:
-    """Grid pixels (x, y), every `step` px, inside a candidate region."""
-    grid = pixel_grid((mask.shape[0], mask.shape[1]), step)
-    return np.asarray(grid[mask[grid[:, 1], grid[:, 0]]])
-
-
-def thin_out(weights: Values, count: int) -> Rows:
-    """Indices of at most `count` items, in order, spread with a density that follows the weights.
-
-    Item i is chosen with a share of min(1, c·w_i), c such that they add up to `count`, at even
-    steps of the running total (systematic sampling). Weights are positive.
-    """
-    if len(weights) <= count:
-        return np.arange(len(weights))
-    share = np.minimum(1.0, weights * (count / weights.sum()))
-    for _ in range(_ROUNDS):  # what whole shares leave over goes to the others
-        part = share < 1.0
-        rest = count - np.count_nonzero(~part)
-        share[part] = np.minimum(1.0, share[part] * (rest / share[part].sum()))
-    steps = np.floor(np.cumsum(share) + 0.5).astype(int)
-    return np.asarray(np.flatnonzero(np.diff(steps, prepend=0) > 0)[:count])
 
 
 def surface_pixels(depth: Float[np.ndarray, "s s"], count: int, rng: np.random.Generator) -> Pixels:

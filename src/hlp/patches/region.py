@@ -8,13 +8,16 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Interval, Le, Unit
 
-from hlp.arrays import Flags, Mask, Positions, Rows, Values
+from hlp.arrays import Flags, Mask, Pixels, Positions, Rows, Values
 from hlp.kernels import compiled_ahead
-from hlp.patches.holistic import Windows
-from hlp.records import Region
+from hlp.patches.holistic import Windows, center_depths, pixel_grid
+from hlp.patches.local import GridSettings
+from hlp.records import Frame, ObjectModel, Region
 from hlp.settings import Count, CountOrNone, Doc, Positive, PositiveOrNone, Settings, WholeNumber
 
+_NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
 _MIN_WEIGHT = 0.01
+_ROUNDS = 8
 _COMPARABLE = 0.1  # of the first: the least probability of windows accepted beside it
 _COARSE = 4  # px
 _LEAST = 0.02  # p(object): where it is lower, the classifier hardly ever errs
@@ -211,3 +214,46 @@ def likely_places(region: Region, radii: Values, most: int, least: float) -> Row
         offsets = np.linalg.norm(region.centers - region.centers[row], axis=1)
         left[offsets < radii[row]] = 0.0
     return np.array(rows, dtype=np.int64)
+
+
+def object_radii(frame: Frame, pixels: Positions, model: ObjectModel) -> Values:
+    """Half the object's diameter in pixels, at the depth of each of the pixels (x, y)."""
+    depths = center_depths(frame.depth, np.rint(pixels).astype(np.int64))
+    diameter = frame.camera_matrix[0, 0] * model.diameter
+    return np.asarray(diameter / np.maximum(depths, _NEAREST) / 2.0)
+
+
+def patch_pixels(
+    frame: Frame, region: Region, model: ObjectModel, grid: GridSettings, share: float = 1.0
+) -> Pixels:
+    """Centres (x, y) of a region's patches; of too many, more of those at likely windows.
+
+    There are at most the `share` of `grid.max_patches`.
+    """
+    pixels = region_pixels(region.mask, grid.step)
+    radii = object_radii(frame, pixels, model)
+    weights = region_weights(region, pixels.astype(np.float64), radii)
+    return np.asarray(pixels[thin_out(weights, int(np.ceil(share * grid.max_patches)))])
+
+
+def region_pixels(mask: Mask, step: int) -> Pixels:
+    """Grid pixels (x, y), every `step` px, inside a candidate region."""
+    grid = pixel_grid((mask.shape[0], mask.shape[1]), step)
+    return np.asarray(grid[mask[grid[:, 1], grid[:, 0]]])
+
+
+def thin_out(weights: Values, count: int) -> Rows:
+    """Indices of at most `count` items, in order, spread with a density that follows the weights.
+
+    Item i is chosen with a share of min(1, c·w_i), c such that they add up to `count`, at even
+    steps of the running total (systematic sampling). Weights are positive.
+    """
+    if len(weights) <= count:
+        return np.arange(len(weights))
+    share = np.minimum(1.0, weights * (count / weights.sum()))
+    for _ in range(_ROUNDS):  # what whole shares leave over goes to the others
+        part = share < 1.0
+        rest = count - np.count_nonzero(~part)
+        share[part] = np.minimum(1.0, share[part] * (rest / share[part].sum()))
+    steps = np.floor(np.cumsum(share) + 0.5).astype(int)
+    return np.asarray(np.flatnonzero(np.diff(steps, prepend=0) > 0)[:count])

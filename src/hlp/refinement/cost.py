@@ -138,9 +138,7 @@ class DepthCost:
     def render(self, pose_cam_obj: Pose) -> Image:
         """Depth of the mesh in the ROI (m, 0 = nothing)."""
         pose = np.ascontiguousarray(pose_cam_obj, dtype=np.float64)
-        inverse = draw_mesh(pose, self._mesh, self.camera_matrix, *self.observed.shape)
-        inverse = inverse.astype(np.float64)
-        return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
+        return draw_mesh(pose, self._mesh, self.camera_matrix, *self.observed.shape)
 
     def _agreeing(self, pose_cam_obj: Pose, tolerance: float) -> Mask:
         rendered = self.render(pose_cam_obj)

@@ -72,12 +72,16 @@ def depth_edges(depth: Image, step: float) -> Mask:
 def draw_mesh(
     pose: Pose, mesh: KernelMesh, camera: CameraMatrix, height: int, width: int
 ) -> Float32[np.ndarray, "h w"]:
-    """Inverse depth (1/m) of the mesh in a pose, 0 where there is nothing."""
-    inverse = framed_buffer(height, width)
+    """Depth (m) of the mesh in a pose, 0 where there is nothing."""
+    inverse, depth = framed_buffer(height, width), np.zeros((height, width), dtype=np.float32)
     corners = np.empty(mesh.vertices.shape, dtype=np.float32)
     project_vertices(pose, mesh.vertices, camera, corners)
     draw_triangles(corners, mesh, inverse, None)
-    return inverse[1 : height + 1, 1 : width + 1]
+    for y in range(height):
+        for x in range(width):
+            if inverse[y + 1, x + 1] > _ZERO:
+                depth[y, x] = _ONE / inverse[y + 1, x + 1]
+    return depth
 
 
 @compiled(inline="always")

@@ -7,8 +7,11 @@ from typing import Self
 import numpy as np
 
 from hlp.arrays import CameraMatrix, Image, Mask, Pose
+from hlp.geometry import transform
 from hlp.records import Mesh
-from hlp.rendering.rasterizer import render_box
+from hlp.refinement.cost_kernel import draw_mesh
+from hlp.rendering.rasterizer import project_corners, spanned_box
+from hlp.rendering.zbuffer import prepare_mesh
 
 BORDER = 5  # px around the object: more than what is looked at around one of its pixels
 _IN_FRONT = 0.002  # m: poses are no more exact (D)
@@ -27,7 +30,12 @@ class ObjectDepth:
         cls, mesh: Mesh, pose_cam_obj: Pose, camera_matrix: CameraMatrix, shape: tuple[int, int]
     ) -> Self:
         """That of a mesh at a pose, `BORDER` pixels around it included, in an image of a shape."""
-        return cls(*render_box(mesh, pose_cam_obj, camera_matrix, shape, BORDER))
+        corners = project_corners(transform(pose_cam_obj, mesh.vertices), camera_matrix)
+        rows, columns = spanned_box(corners, shape, BORDER)
+        pose, camera = (np.array(each, dtype=np.float64) for each in (pose_cam_obj, camera_matrix))
+        camera[:2, 2] -= columns.start, rows.start
+        size = rows.stop - rows.start, columns.stop - columns.start
+        return cls(rows, columns, draw_mesh(pose, prepare_mesh(mesh), camera, *size))
 
     def part(self, image: Image) -> Image:
         """The rows and columns of a whole image."""

@@ -5,7 +5,6 @@ for planes. Both sides of a triangle are visible, because scanned meshes are not
 Kernels are serial and release the GIL; threads render different poses. `shading` gives the colours.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -87,33 +86,18 @@ def render_depth(
     _require_finite(poses_cam_obj)
     depth = np.zeros((len(poses_cam_obj), *shape), dtype=np.float32)
 
+    faces = np.ascontiguousarray(mesh.faces, np.int32)
+
     def draw(index: int) -> None:
-        rows, columns, drawn = render_box(mesh, poses_cam_obj[index], camera_matrix, shape)
-        depth[index, rows, columns] = drawn
+        corners = project_corners(transform(poses_cam_obj[index], mesh.vertices), camera_matrix)
+        rows, columns = spanned_box(corners, shape)
+        corners[:, :2] -= columns.start, rows.start  # whole pixels: without rounding
+        part = _empty((rows.stop - rows.start, columns.stop - columns.start))
+        fill_triangles(corners, faces, *part, 0)
+        depth[index, rows, columns] = _depth(part[0])
 
     ThreadTeam(threads).map(draw, len(depth))
     return depth
-
-
-def render_box(
-    mesh: Mesh,
-    pose_cam_obj: Pose,
-    camera_matrix: CameraMatrix,
-    shape: tuple[int, int],
-    border: int = 0,
-) -> tuple[slice, slice, Image]:
-    """Rows and columns of an image that a mesh in a pose spans; its depth (m, 0: nothing) there.
-
-    The depth has the same bits as in the whole image. With a `border` (px) around what is spanned,
-    as far as the image goes.
-    """
-    corners = _corners(transform(pose_cam_obj, mesh.vertices), camera_matrix)
-    rows, columns = (_spanned(corners, axis, shape, border) for axis in (1, 0))
-    corners[:, 0] -= columns.start  # whole pixels are subtracted without rounding
-    corners[:, 1] -= rows.start
-    inverse_depth, triangles = _empty((rows.stop - rows.start, columns.stop - columns.start))
-    fill_triangles(corners, np.ascontiguousarray(mesh.faces, np.int32), inverse_depth, triangles, 0)
-    return rows, columns, _depth(inverse_depth)
 
 
 def render_rgbd(
@@ -152,7 +136,7 @@ def render_scene(
             np.ascontiguousarray(mesh.colors),
             np.ascontiguousarray(pose[:3, :3]),
         )
-        corners = _corners(surface.points_cam, camera_matrix)
+        corners = project_corners(surface.points_cam, camera_matrix)
         fill_triangles(corners, surface.faces, inverse_depth, triangles, first)
         drawn.append(surface)
         first += len(surface.faces)
@@ -169,7 +153,7 @@ def _empty(shape: tuple[int, int]) -> tuple[Image, Int32[np.ndarray, "h w"]]:
     return np.zeros(shape), np.full(shape, -1, dtype=np.int32)
 
 
-def _corners(points_cam: Points, camera_matrix: CameraMatrix) -> Points:
+def project_corners(points_cam: Points, camera_matrix: CameraMatrix) -> Points:
     """Vertices as `fill_triangles` takes them."""
     z = points_cam[:, 2]
     inverse = np.where(z >= NEAR, 1.0 / np.where(z >= NEAR, z, 1.0), 0.0)
@@ -177,14 +161,14 @@ def _corners(points_cam: Points, camera_matrix: CameraMatrix) -> Points:
     return np.stack([x, y, inverse], axis=-1)
 
 
-def _spanned(corners: Points, axis: int, shape: tuple[int, int], border: int) -> slice:
-    """The pixels along x (0) or y (1) that corners in front of the camera span, and a border."""
-    drawn = corners[corners[:, 2] > 0.0, axis]
-    low, high = (drawn.min(), drawn.max()) if len(drawn) else (0.0, 0.0)  # one pixel for nothing
-    end = shape[1 - axis]
-    first = min(max(math.floor(low), 0), end)
-    last = min(max(math.ceil(high) + 1, first), end)
-    return slice(max(first - border, 0), min(last + border, end))
+def spanned_box(corners: Points, shape: tuple[int, int], border: int = 0) -> tuple[slice, slice]:
+    """Rows and columns of an image that corners in front of the camera span, and a border (px)."""
+    drawn = corners[corners[:, 2] > 0.0, 1::-1]
+    drawn = drawn if len(drawn) else np.zeros((1, 2))  # one pixel for nothing
+    first = np.clip(np.floor(drawn.min(axis=0)), 0, shape).astype(int)
+    last = np.clip(np.ceil(drawn.max(axis=0)) + 1, first, shape).astype(int)
+    first, last = np.maximum(first - border, 0), np.minimum(last + border, shape)
+    return slice(int(first[0]), int(last[0])), slice(int(first[1]), int(last[1]))
 
 
 def _depth(inverse_depth: Image) -> Image:

@@ -12,7 +12,7 @@ from hlp.codebook.neighbours import ExactNeighbours
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching, SearchGroup, search_groups
 from hlp.method.settings import FindSettings
-from hlp.patches.local import region_pixels
+from hlp.patches.region import region_pixels
 from hlp.records import Codebook
 from hlp.threads import ThreadTeam
 from tiny_method import tiny_method

@@ -8,7 +8,7 @@ from functools import cache, cached_property, partial
 
 import numpy as np
 
-from hlp.arrays import Mask, Pixels, Pose, Positions, Values, derive_seed
+from hlp.arrays import Mask, Pixels, Pose, derive_seed
 from hlp.image_edges import color_edges
 from hlp.method.find.frame_fits import FrameFits
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
@@ -16,10 +16,15 @@ from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMat
 from hlp.method.find.trace import ObjectTrace, Observer, nobody
 from hlp.method.settings import FindSettings
 from hlp.models.encoder import Encoder
-from hlp.patches.holistic import center_depths
-from hlp.patches.local import region_pixels, thin_out
-from hlp.patches.region import candidate_region, first_region, likely_regions, region_weights
-from hlp.records import Frame, Hypotheses, ObjectModel, Region
+from hlp.patches.region import (
+    candidate_region,
+    first_region,
+    likely_regions,
+    object_radii,
+    patch_pixels,
+    region_weights,
+)
+from hlp.records import Frame, Hypotheses, Region
 from hlp.refinement.choice import InstanceSearch, KnownRefinements, RefinedHypotheses
 from hlp.refinement.icp import align_to_depth
 from hlp.refinement.refiner import turned_over
@@ -31,8 +36,6 @@ from hlp.templates.building import build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from hlp.threads import ThreadTeam
 from hlp.voting.cast import cast_votes
-
-_NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
 
 
 @dataclass(eq=False)
@@ -154,13 +157,13 @@ class PoseEstimator:
         if context.mask is not None:  # where the region has nothing in it, the mask knows better
             both = region.mask & context.mask
             return replace(region, mask=both if both.any() else context.mask)
-        radii = self._radii(context.frame, region.centers, model)
+        radii = object_radii(context.frame, region.centers, model)
         side = settings.region.square_side or 0.0  # then centres of windows alone
         return first_region(region, radii, side, settings.closer_look, instances)
 
     def other_regions(self, context: FrameContext, region: Region, known: bool) -> Iterator[Region]:
         """Where else to look; at more places if the object is `known` to be in the image."""
-        radii = self._radii(context.frame, region.centers, self.learnt.models[region.object_id])
+        radii = object_radii(context.frame, region.centers, self.learnt.models[region.object_id])
         closer = self.settings.regions.closer_look
         everywhere = known and not self.has_templates(region.object_id)
         found = likely_regions(region, radii, closer, known, everywhere)
@@ -174,13 +177,19 @@ class PoseEstimator:
             frame = context.frame
             context.matches.share({r.object_id: self._patch_pixels(frame, r) for r in regions})
 
-    def find_hypotheses(self, context: FrameContext, region: Region) -> ObjectTrace:
-        """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
+    def find_hypotheses(
+        self, context: FrameContext, region: Region, share: float = 1.0
+    ) -> ObjectTrace:
+        """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2).
+
+        At most the `share` of `grid.max_patches` vote.
+        """
         begun = time.perf_counter()
         context.observer("cut")
         frame, model = context.frame, self.learnt.models[region.object_id]
         codebook = self.matching.group(region.object_id).codebooks[region.object_id]
-        cut, matches = context.matches.match(region.object_id, self._patch_pixels(frame, region))
+        pixels = self._patch_pixels(frame, region, share)
+        cut, matches = context.matches.match(region.object_id, pixels)
         matched = time.perf_counter()
         context.observer("vote")
         voting, weights = self.settings.coarse.voting, None
@@ -198,19 +207,9 @@ class PoseEstimator:
         seconds = {"local": matched - begun, "voting": time.perf_counter() - matched}
         return ObjectTrace(region, cut, votes, found, seconds=seconds)
 
-    def _patch_pixels(self, frame: Frame, region: Region) -> Pixels:
-        """Centres of the region's patches; of too many, more of those at likely windows."""
-        grid = self.settings.coarse.grid
-        pixels = region_pixels(region.mask, grid.step)
-        radii = self._radii(frame, pixels, self.learnt.models[region.object_id])
-        weights = region_weights(region, pixels.astype(np.float64), radii)
-        return np.asarray(pixels[thin_out(weights, grid.max_patches)])
-
-    def _radii(self, frame: Frame, pixels: Positions, model: ObjectModel) -> Values:
-        """Half the object's diameter in pixels, at the depth of each of the pixels."""
-        depths = center_depths(frame.depth, np.rint(pixels).astype(np.int64))
-        diameter = frame.camera_matrix[0, 0] * model.diameter
-        return np.asarray(diameter / np.maximum(depths, _NEAREST) / 2.0)
+    def _patch_pixels(self, frame: Frame, region: Region, share: float = 1.0) -> Pixels:
+        model = self.learnt.models[region.object_id]
+        return patch_pixels(frame, region, model, self.settings.coarse.grid, share)
 
     def has_templates(self, object_id: int) -> bool:
         """Whether templates are asked for an object: only for one without colours."""
