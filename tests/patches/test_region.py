@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from hlp.data.synthetic.objects import demo_objects
 from hlp.patches.holistic import Windows
+from hlp.patches.local import GridSettings
 from hlp.patches.region import (
     CloserLookSettings,
     RegionSettings,
@@ -183,13 +185,8 @@ def test_few_items_are_all_kept_and_equal_weights_thin_evenly():
 def test_a_share_of_the_patches_prefers_likely_windows():
     mask, centers = np.ones((240, 320), bool), np.array([[60.0, 60.0], [200.0, 150.0]])
     region = Region(1, centers, np.array([0.9, 0.02]), mask)
-    frame = Frame(
-        1,
-        1,
-        np.zeros((240, 320, 3), np.uint8),
-        np.full(mask.shape, 0.8, np.float32),
-        np.diag([400.0, 400.0, 1.0]),
-    )
+    seen = np.zeros((*mask.shape, 3), np.uint8), np.full(mask.shape, 0.8, np.float32)
+    frame = Frame(1, 1, *seen, np.diag([400.0, 400.0, 1.0]))
     model = next(iter(demo_objects().values()))
     radius = 400.0 * model.diameter / 0.8 / 2.0
     np.testing.assert_allclose(object_radii(frame, centers, model), radius, rtol=1e-6)
