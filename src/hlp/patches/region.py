@@ -223,17 +223,12 @@ def object_radii(frame: Frame, pixels: Positions, model: ObjectModel) -> Values:
     return np.asarray(diameter / np.maximum(depths, _NEAREST) / 2.0)
 
 
-def patch_pixels(
-    frame: Frame, region: Region, model: ObjectModel, grid: GridSettings, share: float = 1.0
-) -> Pixels:
-    """Centres (x, y) of a region's patches; of too many, more of those at likely windows.
-
-    There are at most the `share` of `grid.max_patches`.
-    """
+def patch_pixels(frame: Frame, region: Region, model: ObjectModel, grid: GridSettings) -> Pixels:
+    """Centres (x, y) of a region's patches; of too many, more of those at likely windows."""
     pixels = region_pixels(region.mask, grid.step)
     radii = object_radii(frame, pixels, model)
     weights = region_weights(region, pixels.astype(np.float64), radii)
-    return np.asarray(pixels[thin_out(weights, int(np.ceil(share * grid.max_patches)))])
+    return np.asarray(pixels[thin_out(weights, grid.max_patches)])
 
 
 def region_pixels(mask: Mask, step: int) -> Pixels:

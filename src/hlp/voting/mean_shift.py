@@ -105,12 +105,14 @@ def shift_modes(
     A mean that no vote agrees with any more jumps to the vote with the nearest position.
     """
     positions, quats, weights = votes.positions, votes.quats, votes.weights
+    x, y, z = positions[0], positions[1], positions[2]
     sums = np.empty(8)
     for s in range(len(means)):
         for shift in range(steps + 1):
             _sum_agreeing(votes, means[s], sums)
             if sums[7] <= 0.0:
-                j = _nearest(positions, means[s])
+                at = means[s]
+                j = np.argmin((x - at[0]) ** 2 + (y - at[1]) ** 2 + (z - at[2]) ** 2)
                 for k in range(7):
                     sums[k] = (positions[k, j] if k < 3 else quats[k - 3, j]) * weights[j]
                 sums[7] = weights[j]
@@ -152,15 +154,3 @@ def _sum_agreeing(
         total += weight
     sums[0], sums[1], sums[2], sums[7] = sx, sy, sz, total
     sums[3], sums[4], sums[5], sums[6] = sa, sb, sc, sd
-
-
-@compiled()
-def _nearest(positions: Float[np.ndarray, "3 v"], mean: Float[np.ndarray, "7"]) -> int:
-    best, least = 0, np.inf
-    for j in range(positions.shape[1]):
-        squared = 0.0
-        for k in range(3):
-            squared += (positions[k, j] - mean[k]) ** 2
-        if squared < least:
-            best, least = j, squared
-    return best

@@ -41,8 +41,7 @@ class Looks:
     def other_regions(self, _, region, __):
         return (region for _ in range(len(self.looks)))
 
-    def find_hypotheses(self, _, region, share):
-        assert share == (1.0 if self.has_templates(1) else 0.5)
+    def find_hypotheses(self, _, region):
         return ObjectTrace(region, hypotheses=NONE)
 
     def refine(self, _, __, ___, instances, rest, ____, candidates=None):

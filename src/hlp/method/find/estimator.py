@@ -177,19 +177,13 @@ class PoseEstimator:
             frame = context.frame
             context.matches.share({r.object_id: self._patch_pixels(frame, r) for r in regions})
 
-    def find_hypotheses(
-        self, context: FrameContext, region: Region, share: float = 1.0
-    ) -> ObjectTrace:
-        """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2).
-
-        At most the `share` of `grid.max_patches` vote.
-        """
+    def find_hypotheses(self, context: FrameContext, region: Region) -> ObjectTrace:
+        """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
         begun = time.perf_counter()
         context.observer("cut")
         frame, model = context.frame, self.learnt.models[region.object_id]
         codebook = self.matching.group(region.object_id).codebooks[region.object_id]
-        pixels = self._patch_pixels(frame, region, share)
-        cut, matches = context.matches.match(region.object_id, pixels)
+        cut, matches = context.matches.match(region.object_id, self._patch_pixels(frame, region))
         matched = time.perf_counter()
         context.observer("vote")
         voting, weights = self.settings.coarse.voting, None
@@ -207,9 +201,9 @@ class PoseEstimator:
         seconds = {"local": matched - begun, "voting": time.perf_counter() - matched}
         return ObjectTrace(region, cut, votes, found, seconds=seconds)
 
-    def _patch_pixels(self, frame: Frame, region: Region, share: float = 1.0) -> Pixels:
+    def _patch_pixels(self, frame: Frame, region: Region) -> Pixels:
         model = self.learnt.models[region.object_id]
-        return patch_pixels(frame, region, model, self.settings.coarse.grid, share)
+        return patch_pixels(frame, region, model, self.settings.coarse.grid)
 
     def has_templates(self, object_id: int) -> bool:
         """Whether templates are asked for an object: only for one without colours."""

@@ -17,7 +17,6 @@ from hlp.refinement.verification import Observation
 
 Found = dict[int, RefinedHypotheses | None]
 """What stage 3 found, by object id; None where there was no hypothesis."""
-_AT_PLACES = 0.5  # share of patches that vote after the first look at an object with colours (D)
 SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
 """Searches an object once more in the pixels that others leave."""
 
@@ -76,8 +75,7 @@ def _fallback_sources(
 
 
 def _votes_in(context: FrameContext, places: Region, *_: object) -> Hypotheses:
-    share = 1.0 if context.estimator.has_templates(places.object_id) else _AT_PLACES
-    found = context.estimator.find_hypotheses(context, places, share).hypotheses
+    found = context.estimator.find_hypotheses(context, places).hypotheses
     assert found is not None
     return found
 
