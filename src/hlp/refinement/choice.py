@@ -21,6 +21,7 @@ from hlp.refinement.verification import Evidence, Observation, Verifier
 _FURTHER = 4  # hypotheses refined for one more instance where their number is not known
 _HOPELESS = 0.1  # if the best of the first two of these scores less, the others are left out
 _GIVEN_UP_SHARE = 0.03  # of min_score: a hypothesis that soon scores less is given up (D)
+_SURE = 0.9  # score of a pose beside which no others are refined (D)
 _IF_THERE = 8  # hypotheses refined at first of an object with colours that may be absent (D)
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
@@ -70,17 +71,18 @@ class InstanceSearch:
 
     Hypotheses that are not finite or lie behind the camera are dropped. The rest is refined in
     order of verification cost, two at a time and at most `candidates` (None: the verifier's), until
-    the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
-    lowers a cost by that much. The best of those that look much like the chosen one takes its place
-    (`choose_among_alike`). Then it is searched again, in a smaller box; what that finds is kept
-    unless its cost, among the refined poses, is higher than before.
+    the best is sure, or the next one costs more than it by `max_improvement`: refinement hardly
+    ever lowers a cost by that much. The best of those that look much like the chosen one takes its
+    place (`choose_among_alike`). Then it is searched again, in a smaller box; what that finds is
+    kept unless its cost, among the refined poses, is higher than before.
 
     This is repeated for every further instance, with the hypotheses for which more than half of the
     agreeing pixels are not explained by an instance that was chosen before. `unexplained` is the
-    observation without what other objects explain already (None: they explain nothing). With a
-    `score` of poses the number of instances is not known: one below `min_score` is the last, and a
-    further one is given up early where the first poses are hopeless. With an `early_score`, fewer
-    are refined, and one is given up whose shape soon scores hopelessly little. `known` are
+    observation without what other objects explain already (None: they explain nothing). `score` is
+    that of a pose. With a `min_score` the number of instances is not known: one below it is the
+    last, and a further one is given up early where the first poses are hopeless. With an
+    `early_score`, fewer are refined, and one is given up whose shape soon scores hopelessly little.
+    `known` are
     refinements of coarse poses of the object in the image, and their seeds, by the pose's bytes:
     they are not made again, and new ones are added. `enter` is called with each part that begins:
     refine, verify or second_search.
@@ -92,8 +94,8 @@ class InstanceSearch:
     hypotheses: Hypotheses
     seed: int
     unexplained: Observation | None = None
-    score: Callable[[Pose], float] | None = None
-    min_score: float = 0.0
+    score: Callable[[Pose], float] = lambda pose: 0.0
+    min_score: float | None = None
     enter: Callable[[str], None] = lambda part: None
     candidates: int | None = None
     early_score: ScoreModel | None = None
@@ -121,22 +123,30 @@ class InstanceSearch:
     def find(self, instances: int = 1) -> RefinedHypotheses | None:
         """Refine and choose, for up to so many instances; None if nothing was chosen."""
         for _ in range(instances):
-            chosen = self._choose_next()
-            if chosen is None or self._scores_below(chosen, self.min_score):
+            row = self._choose_next()
+            if row is None or self._scores_below(row, 1.0):
                 break
         if not self._instances:
             return None
         arrays = self._costs, np.array(self._sources), np.array(self._seeds)
         return RefinedHypotheses(self._refined, *arrays, tuple(self._instances))
 
-    def _scores_below(self, pose_cam_obj: Pose, limit: float) -> bool:
-        """Whether poses are scored, and this one lower."""
-        return self.score is not None and self.score(pose_cam_obj) < limit
+    def _scores_below(self, row: int, limit: float) -> bool:
+        """Whether the number is not known, and a refined pose scores less than both limits."""
+        if self.min_score is None:
+            return False
+        return self.score(self._refined[row].pose_cam_obj) < min(limit, self.min_score)
 
-    def _is_hopeless(self, pose_cam_obj: Pose) -> bool:
+    def _is_hopeless(self, row: int) -> bool:
         """Whether a pose shows that there is no further instance; the first one is looked for."""
-        limit = min(_HOPELESS, self.min_score)
-        return bool(self._instances) and self._scores_below(pose_cam_obj, limit)
+        return bool(self._instances) and self._scores_below(row, _HOPELESS)
+
+    def _is_sure(self, row: int) -> bool:
+        """Whether a pose is right. Scores of objects without colours depend on other answers."""
+        found = self._refined[row]
+        if found.given_up or not self._model.mesh.colored:
+            return False
+        return self.score(found.pose_cam_obj) >= _SURE
 
     def _is_given_up(self, pose_cam_obj: Pose) -> bool:
         """Whether a pose fits too badly to become an answer, judged by shape alone.
@@ -147,10 +157,10 @@ class InstanceSearch:
         assert self.early_score is not None
         of = self.verifier, self.observation, pose_cam_obj
         fit = measure_fit(*of, with_colors=False)
-        return self.early_score.score(fit) < _GIVEN_UP_SHARE * self.min_score
+        return self.early_score.score(fit) < _GIVEN_UP_SHARE * (self.min_score or 0.0)
 
-    def _choose_next(self) -> Pose | None:
-        """Refine what may be the next instance, choose one, search again about it; None if none."""
+    def _choose_next(self) -> int | None:
+        """Refine what may be the next instance, choose one, search again about it: its row."""
         if self._instances:
             before = self.observation if self.unexplained is None else self.unexplained
             last = self._refined[self._instances[-1]].pose_cam_obj
@@ -169,39 +179,37 @@ class InstanceSearch:
         if pose is not refined.pose_cam_obj:
             self._refined[row] = replace(refined, pose_cam_obj=pose)
             self._costs[rows] = self._competing_costs(rows)
-        chosen = self._refined[row]
-        if not (chosen.given_up or self._is_hopeless(chosen.pose_cam_obj)):
+        if not (self._refined[row].given_up or self._is_hopeless(row)):
             self._search_again(row, rows)
         self._instances.append(row)
-        return self._refined[row].pose_cam_obj
+        return row
 
     def _refine(self) -> None:
-        """Refine free hypotheses in order of cost until the next one, or the best, is hopeless."""
+        """Refine free hypotheses in order of cost until one is sure, or the next ones hopeless."""
         candidates = self.candidates or self.verifier.settings.candidates
-        if self._instances and self.score is not None:
+        if self._instances and self.min_score is not None:
             candidates = min(candidates, _FURTHER)  # most such searches find none
         elif self.early_score is not None:
             candidates = min(candidates, _IF_THERE)
         self._keep_coarse(~np.isin(self._order, self._sources))
         self._keep_coarse(self._is_free(self._poses[self._order], self._evidence))
         order, coarse_costs = self._order[:candidates], self.verifier.weigh(self._evidence)
-        lowest, best = self._lowest_cost(self._refined_poses(self._free_refined()))
+        lowest, best = self._lowest_cost(self._free_refined())
         for start in range(0, len(order), _BATCH):
             if coarse_costs[start] - self.verifier.settings.max_improvement > lowest:
                 break
-            if start > 0 and best is not None and self._is_hopeless(best):
+            if start > 0 and best is not None and (self._is_hopeless(best) or self._is_sure(best)):
                 break
-            rows = order[start : start + _BATCH]
-            poses = self._refine_batch(rows)
-            lowest, best = min((lowest, best), self._lowest_cost(poses), key=lambda each: each[0])
+            rows = self._refine_batch(order[start : start + _BATCH])
+            lowest, best = min((lowest, best), self._lowest_cost(rows), key=lambda each: each[0])
 
     def _keep_coarse(self, rows: Flags) -> None:
         """Keep some of the coarse poses that are not refined yet, in order of cost."""
         self._order = self._order[rows]
         self._evidence = Evidence(*(values[rows] for values in self._evidence))
 
-    def _refine_batch(self, rows: Rows) -> Poses:
-        """Refine the hypotheses of these rows, but for those that are known; their poses."""
+    def _refine_batch(self, rows: Rows) -> Rows:
+        """Refine the hypotheses of these rows, but for those that are known; the refined rows."""
         keys = [self._poses[row].tobytes() for row in rows]
         new = [row for row, key in zip(rows, keys, strict=True) if key not in self.known]
         if new:
@@ -218,7 +226,7 @@ class InstanceSearch:
         self._refined += [refined for refined, _ in done]
         self._seeds += [seeds for _, seeds in done]
         self._sources += rows.tolist()
-        return np.stack([refined.pose_cam_obj for refined, _ in done])
+        return np.arange(len(self._refined) - len(done), len(self._refined))
 
     def _search_again(self, row: int, rows: Rows) -> None:
         """Search again about the chosen one of the free `rows`; what fits less well is dropped.
@@ -237,12 +245,12 @@ class InstanceSearch:
         else:
             self._costs[row] = cost
 
-    def _lowest_cost(self, poses_cam_obj: Poses) -> tuple[float, Pose | None]:
-        """The lowest cost of these poses, infinite without any, and which pose has it."""
-        if len(poses_cam_obj) == 0:
+    def _lowest_cost(self, rows: Rows) -> tuple[float, int | None]:
+        """The lowest cost of these refined poses, infinite without any, and its row."""
+        if len(rows) == 0:
             return np.inf, None
-        costs = self.verifier.weigh(self._evidence_for(poses_cam_obj))
-        return float(costs.min()), poses_cam_obj[np.argmin(costs)]
+        costs = self.verifier.weigh(self._evidence_for(self._refined_poses(rows)))
+        return float(costs.min()), int(rows[np.argmin(costs)])
 
     def _competing_costs(self, rows: Rows) -> Values:
         support = self._support[np.array(self._sources)[rows]]
