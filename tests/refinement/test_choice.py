@@ -86,6 +86,11 @@ def test_fewer_are_refined_of_an_object_that_may_be_absent(scene, verification, 
     assert [len(choose(*given, early_score=s).refined) for s in (None, surely)] == [18, 8]
 
 
+def test_no_others_are_refined_beside_a_sure_one(scene, verification, poses):
+    given = scene, verification, Recorder(), poses, 6, 1.0
+    assert [len(choose(*given, score=lambda _, s=s: s).refined) for s in (0.89, 0.91)] == [6, 2]
+
+
 def test_hypotheses_that_cost_far_more_are_not_refined(scene, verification, poses):
     costs = np.sort(costs_of(scene, verification, poses))
     apart = costs[2] - costs[0]

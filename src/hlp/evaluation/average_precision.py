@@ -51,13 +51,14 @@ def average_precision(
     are all answers in them. `meshes` are those on which errors are measured; by default and for
     objects that are not named the models' own. None without any instance that counts.
     """
-    answers = _by_image(estimates)
+    surest = sorted((e for e in estimates if e.pose_cam_obj is not None), key=lambda e: -e.score)
+    answers = grouped(surest, lambda e: (e.scene_id, e.frame_id))
     found: dict[int, list[_Answers]] = {object_id: [] for object_id in models}
     instances = dict.fromkeys(models, 0)
     given = meshes or {}
     measures = {i: BopRecalls(model, given.get(i, model.mesh)) for i, model in models.items()}
     for truth in truths:
-        own = answers.get((truth.scene_id, truth.frame_id), [])
+        own = answers.get((truth.scene_id, truth.frame_id), [])[:MOST_ANSWERS]
         for object_id, model in models.items():
             targets = [target for target in truth.targets if target.object_id == object_id]
             ignored = np.array([t.visible_fraction < LEAST_VISIBLE for t in targets], dtype=bool)
@@ -73,14 +74,6 @@ def average_precision(
         return dict.fromkeys(("ap", *_NAMES))
     means = np.mean(curves, axis=0)
     return {"ap": float(means[:2].mean()), **dict(zip(_NAMES, means.tolist(), strict=True))}
-
-
-def _by_image(estimates: Iterable[PoseEstimate]) -> dict[tuple[int, int], list[PoseEstimate]]:
-    """The answers of each image that count, the surest first."""
-    posed = (e for e in estimates if e.pose_cam_obj is not None)
-    surest = sorted(posed, key=lambda e: -e.score)
-    images = grouped(surest, lambda e: (e.scene_id, e.frame_id))
-    return {image: own[:MOST_ANSWERS] for image, own in images.items()}
 
 
 def _judge(

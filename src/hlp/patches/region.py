@@ -219,8 +219,7 @@ def likely_places(region: Region, radii: Values, most: int, least: float) -> Row
 def object_radii(frame: Frame, pixels: Positions, model: ObjectModel) -> Values:
     """Half the object's diameter in pixels, at the depth of each of the pixels (x, y)."""
     depths = center_depths(frame.depth, np.rint(pixels).astype(np.int64))
-    diameter = frame.camera_matrix[0, 0] * model.diameter
-    return np.asarray(diameter / np.maximum(depths, _NEAREST) / 2.0)
+    return np.asarray(frame.camera_matrix[0, 0] * model.diameter / np.maximum(depths, _NEAREST) / 2)
 
 
 def patch_pixels(frame: Frame, region: Region, model: ObjectModel, grid: GridSettings) -> Pixels:

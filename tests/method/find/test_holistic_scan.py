@@ -108,10 +108,8 @@ def test_other_objects_their_order_and_threads_change_nothing(loaded, objects, f
 
 def test_windows_are_classified_once_for_all_objects_that_share_them(loaded, objects, frame):
     exact, fast = (FrameWindows(scan(loaded, objects, item), frame) for item in (EXACT, FAST))
-    assert exact.classify(1)[1] is exact.classify(3)[1]
-    assert exact.classify(1)[1] is not exact.classify(2)[1]
-    assert fast.classify(1)[1] is fast.classify(2)[1]
-    assert fast.classify(1)[1] is not fast.classify(4)[1]
+    assert exact.classify(2)[1] is not exact.classify(1)[1] is exact.classify(3)[1]
+    assert fast.classify(4)[1] is not fast.classify(1)[1] is fast.classify(2)[1]
     for object_id in (1, 2):  # sides are the objects' own
         windows, _ = fast.classify(object_id)
         np.testing.assert_allclose(windows.sides * windows.depths, 400 * SIZES[object_id])
@@ -125,8 +123,7 @@ def test_the_fast_scan_leaves_out_the_wall_and_is_exact_elsewhere(loaded, object
     uneven = (x < 160) & (y < 120)
     rows = {tuple(center): i for i, center in enumerate(windows.centers)}
     kept = np.array([rows[tuple(center)] for center in fewer.centers])
-    assert uneven[kept].mean() > 0.9
-    assert len(kept) > 0.8 * uneven.sum() / 2  # of every other window
+    assert uneven[kept].mean() > 0.9 and len(kept) > 0.8 * uneven.sum() / 2  # every other window
     np.testing.assert_array_equal(found, classes[kept])
     np.testing.assert_array_equal(fewer.sides, windows.sides[kept])
 
@@ -135,8 +132,7 @@ def test_a_frame_without_depth_has_no_windows(loaded, objects, frame):
     blind = dataclasses.replace(frame, depth=np.zeros_like(frame.depth))
     for settings in (EXACT, FAST):
         windows, classes = FrameWindows(scan(loaded, objects, settings), blind).classify(1)
-        assert windows.centers.shape == (0, 2)
-        assert classes.shape == (0, 5)
+        assert (windows.centers.shape, classes.shape) == ((0, 2), (0, 5))
 
 
 def groups_of(sizes, apart):

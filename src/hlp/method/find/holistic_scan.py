@@ -23,8 +23,7 @@ from hlp.records import Frame, ObjectModel
 from hlp.threads import ThreadTeam
 
 Classes = Float[np.ndarray, "n classes"]
-# Objects whose sizes differ by less share windows, whose scale is then at most 12 % off.
-_SHARED_SCALE = 1.25
+_SHARED_SCALE = 1.25  # between sizes that share windows, whose scale is then at most 12 % off
 _PLANES = 3  # a table, the floor, a wall
 _MAX_DISTANCE = 0.010  # m from a plane, within the noise of a depth camera
 _MIN_SHARE = 0.05  # of all windows that must lie on a plane
