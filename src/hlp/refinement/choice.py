@@ -142,9 +142,12 @@ class InstanceSearch:
         return bool(self._instances) and self._scores_below(row, _HOPELESS)
 
     def _is_sure(self, row: int) -> bool:
-        """Whether a pose is right. Scores of objects without colours depend on other answers."""
+        """Whether a pose is right. Scores tell little of turns of what is nearly of revolution.
+
+        Those of objects without colours depend on other answers.
+        """
         found = self._refined[row]
-        if found.given_up or not self._model.mesh.colored:
+        if found.given_up or len(self.verifier.turns) > 1 or not self._model.mesh.colored:
             return False
         return self.score(found.pose_cam_obj) >= _SURE
 
