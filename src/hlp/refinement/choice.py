@@ -142,10 +142,7 @@ class InstanceSearch:
         return bool(self._instances) and self._scores_below(row, _HOPELESS)
 
     def _is_sure(self, row: int) -> bool:
-        """Whether a pose is right. Scores tell little of turns of what is nearly of revolution.
-
-        Those of objects without colours depend on other answers.
-        """
+        """Whether a pose is surely right. Scores tell little of turns, or without colours."""
         found = self._refined[row]
         if found.given_up or len(self.verifier.turns) > 1 or not self._model.mesh.colored:
             return False
