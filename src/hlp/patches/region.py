@@ -1,4 +1,4 @@
-"""Where an object probably is: the candidate region (paper, section 3.1), its likely places."""
+"""Where an object probably is (paper, section 3.1): region, likely places, pixels of patches."""
 
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from hlp.settings import Count, CountOrNone, Doc, Positive, PositiveOrNone, Sett
 
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
 _MIN_WEIGHT = 0.01
-_ROUNDS = 8
+_ROUNDS = 8  # in which patches are shared out
 _COMPARABLE = 0.1  # of the first: the least probability of windows accepted beside it
 _COARSE = 4  # px
 _LEAST = 0.02  # p(object): where it is lower, the classifier hardly ever errs

@@ -82,10 +82,9 @@ class InstanceSearch:
     that of a pose. With a `min_score` the number of instances is not known: one below it is the
     last, and a further one is given up early where the first poses are hopeless. With an
     `early_score`, fewer are refined, and one is given up whose shape soon scores hopelessly little.
-    `known` are
-    refinements of coarse poses of the object in the image, and their seeds, by the pose's bytes:
-    they are not made again, and new ones are added. `enter` is called with each part that begins:
-    refine, verify or second_search.
+    `known` are refinements of coarse poses of the object in the image, and their seeds, by the
+    pose's bytes: they are not made again, and new ones are added. `enter` is called with each part
+    that begins: refine, verify or second_search.
     """
 
     refiner: Refiner
@@ -160,7 +159,7 @@ class InstanceSearch:
         return self.early_score.score(fit) < _GIVEN_UP_SHARE * (self.min_score or 0.0)
 
     def _choose_next(self) -> int | None:
-        """Refine what may be the next instance, choose one, search again about it: its row."""
+        """Refine what may be next, choose one, search again about it; its row, None without any."""
         if self._instances:
             before = self.observation if self.unexplained is None else self.unexplained
             last = self._refined[self._instances[-1]].pose_cam_obj
