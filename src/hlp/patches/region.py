@@ -81,7 +81,7 @@ class CloserLookSettings(Settings):
             "likeliest places that are searched if no pose is probably right; all likely ones if "
             "the object is known to be there and has colours (D); null: none (P)"
         ),
-    ] = 12
+    ] = 9
     places_at_once: Annotated[Count, Doc("places that are searched at once (D)")] = 3
     side: Annotated[
         Positive, Doc("side, in diameters, of the square around a place that is searched (D)")
