@@ -135,7 +135,7 @@ def search_of(
     settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
     seen = observe(scene.rgb, scene.depth, scene.camera_matrix, settings)
     coarse, verifier = Hypotheses(poses, np.ones(len(poses))), Verifier(scene.model, settings)
-    rules |= {"candidates": most, "min_score": 0.5}
+    rules |= {"candidates": most, "min_score": 0.5 if {"score", "early_score"} & {*rules} else None}
     return InstanceSearch(refiner, verifier, seen, coarse, seed=3, **rules)
 
 
