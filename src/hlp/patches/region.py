@@ -22,6 +22,7 @@ _COMPARABLE = 0.1  # of the first: the least probability of windows accepted bes
 _COARSE = 4  # px
 _LEAST = 0.02  # p(object): where it is lower, the classifier hardly ever errs
 _LEAST_UNKNOWN = 0.15  # the same where the object may be absent: places take time (D)
+_MOST_UNKNOWN = 9  # such places of an object with colours: one in a thousand is found later (D)
 
 
 @dataclass(frozen=True)
@@ -78,10 +79,10 @@ class CloserLookSettings(Settings):
     places: Annotated[
         CountOrNone,
         Doc(
-            "likeliest places that are searched if no pose is probably right; all likely ones if "
-            "the object is known to be there and has colours (D); null: none (P)"
+            "likeliest places that are searched if no pose is probably right; with colours, all "
+            "if the object is known to be there, at most 9 if not (D); null: none (P)"
         ),
-    ] = 9
+    ] = 12
     places_at_once: Annotated[Count, Doc("places that are searched at once (D)")] = 3
     side: Annotated[
         Positive, Doc("side, in diameters, of the square around a place that is searched (D)")
@@ -187,15 +188,15 @@ def first_region(
 
 
 def likely_regions(
-    region: Region, radii: Values, settings: CloserLookSettings, known: bool, everywhere: bool
+    region: Region, radii: Values, settings: CloserLookSettings, known: bool, colored: bool
 ) -> Iterator[Region]:
     """Regions of a few places each, the likeliest places first.
 
-    `known`: the object is in the image, so that less likely places count, too; `everywhere`: there
-    is no limit to their number. `radii` are half the object's diameter in pixels, at the depth of
-    each of the region's windows.
+    `known`: the object is in the image, so that less likely places count, too; all of them, if it
+    has colours. `radii` are half its diameter in pixels, at the depth of each window.
     """
-    most = len(radii) if everywhere and settings.places else settings.places or 0
+    most = settings.places or 0
+    most = (len(radii) if known else min(most, _MOST_UNKNOWN)) if colored and most else most
     rows = likely_places(region, radii, most, _LEAST if known else _LEAST_UNKNOWN)
     for start in range(0, len(rows), settings.places_at_once):
         chosen = rows[start : start + settings.places_at_once]

@@ -165,8 +165,8 @@ class PoseEstimator:
         """Where else to look; at more places if the object is `known` to be in the image."""
         radii = object_radii(context.frame, region.centers, self.learnt.models[region.object_id])
         closer = self.settings.regions.closer_look
-        everywhere = known and not self.has_templates(region.object_id)
-        found = likely_regions(region, radii, closer, known, everywhere)
+        colored = not self.has_templates(region.object_id)
+        found = likely_regions(region, radii, closer, known, colored)
         inside = True if context.mask is None else context.mask
         parts = (replace(part, mask=part.mask & inside) for part in found)
         return (part for part in parts if part.mask.any())
