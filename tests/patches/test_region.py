@@ -121,9 +121,12 @@ def test_squares_of_a_few_places_at_a_time():
 
 def test_as_many_places_as_asked_for():
     region, radii = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.1]), np.full(3, 6.0)
-    for most, known, all_, found in [(None, 1, 1, 0), (1, 1, 0, 1), (3, 0, 0, 2), (1, 1, 1, 3)]:
+    for most, known, colored, found in [(None, 1, 1, 0), (1, 1, 0, 1), (3, 0, 0, 2), (1, 1, 1, 3)]:
         settings = CloserLookSettings(places=most, places_at_once=1)
-        assert len([*likely_regions(region, radii, settings, known, all_)]) == found
+        assert len([*likely_regions(region, radii, settings, known, colored)]) == found
+    many, one = region_of([(5 * k, 0) for k in range(16)], [0.5] * 16), np.full(16, 4.0)
+    settings = CloserLookSettings(places=12, places_at_once=1)  # of 16; if it may be absent:
+    assert [len([*likely_regions(many, one, settings, False, c)]) for c in (0, 1)] == [12, 9]
 
 
 def test_of_a_large_region_the_likeliest_windows_come_first():

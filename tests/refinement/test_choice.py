@@ -1,5 +1,7 @@
 """Which hypotheses are refined, in what order, which is chosen, and the search about that."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,16 +10,14 @@ from hlp.refinement.choice import InstanceSearch
 from hlp.refinement.refiner import Refinement
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Verifier, observe
-from refinement_scene import CAMERA, disturbed, error, search_of
+from refinement_scene import CAMERA, colorless, disturbed, error, search_of
 
 
 class Recorder:
     """Leaves poses where they are and records its calls."""
 
     def __init__(self):
-        self.asked = []
-        self.spent = []
-        self.searched_again = []
+        self.asked, self.spent, self.searched_again = [], [], []
 
     def refine(self, model, observation, hypotheses, seed, spent=0.0, is_hopeless=None):
         self.asked.append(hypotheses.poses_cam_obj)
@@ -86,9 +86,15 @@ def test_fewer_are_refined_of_an_object_that_may_be_absent(scene, verification, 
     assert [len(choose(*given, early_score=s).refined) for s in (None, surely)] == [18, 8]
 
 
-def test_no_others_are_refined_beside_a_sure_one(scene, verification, poses):
-    given = scene, verification, Recorder(), poses, 6, 1.0
-    assert [len(choose(*given, score=lambda _, s=s: s).refined) for s in (0.89, 0.91)] == [6, 2]
+def test_no_others_are_refined_beside_a_sure_one(scene, verification, poses, monkeypatch):
+    def count(seen, score=0.91):
+        rules = verification, Recorder(), poses, 6, 1.0
+        return len(choose(seen, *rules, score=lambda _: score).refined)
+
+    assert (count(scene, 0.89), count(scene)) == (6, 2)
+    assert count(replace(scene, model=colorless(scene.model))) == 6
+    monkeypatch.setattr(Verifier, "turns", np.stack([np.eye(4)] * 2))  # turns that look alike
+    assert count(scene) == 6
 
 
 def test_hypotheses_that_cost_far_more_are_not_refined(scene, verification, poses):

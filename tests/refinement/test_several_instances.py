@@ -104,25 +104,16 @@ def test_only_a_search_without_known_number_is_kept_short(row, verification):
 
 def test_an_instance_that_is_not_good_enough_is_the_last(row, verification):
     poses = np.stack([disturbed(scene, 3.0, 3.0, seed=k) for k, scene in enumerate(row)])
-    asked = []
-
-    def second_is_not(pose):
-        asked.append(pose)  # of the first one: whether it is sure, and whether it is good enough
-        return 0.8 * (len(asked) < 3)
-
-    found = find(row, poses, verification, 3, score=second_is_not)
+    scores = iter([0.8, 0.8] + [0.0] * 9)  # the first one is asked for twice: also if it is sure
+    found = find(row, poses, verification, 3, score=lambda _: next(scores))
     assert len(found.instances) == 2
 
 
 def test_a_further_instance_is_given_up_where_the_first_poses_are_hopeless(row, verification):
     """Two more are refined then instead of four, after the two of the first instance."""
     poses = np.stack([row[0].pose, *(disturbed(row[1], 6.0, 6.0, seed=k) for k in range(8))])
-
-    def score(pose, of_others):
-        return 0.8 if np.array_equal(pose, row[0].pose) else of_others
-
     hopeless, doubtful = (
-        find(row, poses, verification, 2, score=lambda pose, s=s: score(pose, s))
+        find(row, poses, verification, 2, score=lambda p, s=s: 0.8 if (p == poses[0]).all() else s)
         for s in (0.05, 0.2)
     )
     assert (len(hopeless.refined), len(doubtful.refined)) == (4, 6)

@@ -22,7 +22,7 @@ _COMPARABLE = 0.1  # of the first: the least probability of windows accepted bes
 _COARSE = 4  # px
 _LEAST = 0.02  # p(object): where it is lower, the classifier hardly ever errs
 _LEAST_UNKNOWN = 0.15  # the same where the object may be absent: places take time (D)
-_MOST_UNKNOWN = 9  # such places of an object with colours: one in a thousand is found later (D)
+_MOST_UNKNOWN = 9  # such places of an object with colours: later ones hardly ever hold it (D)
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,8 @@ def likely_regions(
     has colours. `radii` are half its diameter in pixels, at the depth of each window.
     """
     most = settings.places or 0
-    most = (len(radii) if known else min(most, _MOST_UNKNOWN)) if colored and most else most
+    if colored and most > 0:
+        most = len(radii) if known else min(most, _MOST_UNKNOWN)
     rows = likely_places(region, radii, most, _LEAST if known else _LEAST_UNKNOWN)
     for start in range(0, len(rows), settings.places_at_once):
         chosen = rows[start : start + settings.places_at_once]

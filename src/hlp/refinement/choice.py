@@ -123,18 +123,17 @@ class InstanceSearch:
         """Refine and choose, for up to so many instances; None if nothing was chosen."""
         for _ in range(instances):
             row = self._choose_next()
-            if row is None or self._scores_below(row, 1.0):
+            if row is None or self._scores_below(row):
                 break
         if not self._instances:
             return None
         arrays = self._costs, np.array(self._sources), np.array(self._seeds)
         return RefinedHypotheses(self._refined, *arrays, tuple(self._instances))
 
-    def _scores_below(self, row: int, limit: float) -> bool:
+    def _scores_below(self, row: int, limit: float = 1.0) -> bool:
         """Whether the number is not known, and a refined pose scores less than both limits."""
-        if self.min_score is None:
-            return False
-        return self.score(self._refined[row].pose_cam_obj) < min(limit, self.min_score)
+        pose, least = self._refined[row].pose_cam_obj, self.min_score
+        return least is not None and self.score(pose) < min(limit, least)
 
     def _is_hopeless(self, row: int) -> bool:
         """Whether a pose shows that there is no further instance; the first one is looked for."""
