@@ -96,6 +96,8 @@ class FakeEstimator:
     def has_templates(self, object_id: int) -> bool:
         return False
 
+    may_be_found_soon = has_templates
+
     def score_model(self, object_id: int) -> ScoreModel:
         return COLORED
 
@@ -178,5 +180,5 @@ class FakeEstimator:
         moved = hypotheses.poses_cam_obj.copy()
         moved[:, 0, 3] += [1.0, 2.0]
         refined = [Refinement(pose, 3) for pose in moved]
-        seeds = np.array([[0, 0], [0, 1]])
-        return RefinedHypotheses(refined, np.array([0.5, 0.25]), np.array([1, 0]), seeds, (1,))
+        starts = hypotheses.poses_cam_obj[::-1]
+        return RefinedHypotheses(refined, np.array([0.5, 0.25]), np.array([1, 0]), starts, (1,))

@@ -106,21 +106,16 @@ def test_a_run_draws_what_each_stage_works_with(tiny_run):
         assert min(cv2.imread(str(path)).shape[:2]) > 100
 
 
-def test_its_searches_are_repeated_to_the_poses_that_it_has_found(tiny_run):
-    run, compared = tiny_run.build("machine.threads=1"), 0
+def test_swarms_are_searched_again_from_the_coarse_poses(tiny_run):
+    run = tiny_run.build("machine.threads=1")
     detection = stages_of(run, StageStore(tiny_run.folder / "work"))
-    for key in detection.keys[:1]:
-        found = FrameResults.read(detection, [], key)
-        for object_id in {target.object_id for target in found.frame.targets}:
-            refined = found.trace[object_id].refined
-            for row, source in enumerate([] if refined is None else refined.sources):
-                rounds = search_again(detection, found, object_id, row)
-                if source < 0:  # from the fallback
-                    assert rounds is None
-                    continue
-                assert len(rounds) > 1 and rounds.shape[1] == 25
-                compared += 1
-    assert compared > 2
+    found = FrameResults.read(detection, [], detection.keys[0])
+    for target in found.frame.targets:
+        refined, model = found.trace[target.object_id].refined, run.dataset.models[target.object_id]
+        for start in refined.starts[:2]:
+            rounds = search_again(run.settings.refinement, found, model, start)
+            assert len(rounds) > 1 and rounds.shape[1] == 25
+            assert rounds.min() <= rounds[0, 0]  # which is the coarse pose's
 
 
 def test_a_detector_finds_the_same_poses(tiny_run, tmp_path):

@@ -189,3 +189,5 @@ def test_most_patches_are_at_likely_windows():
     pixels = patch_pixels(frame, region, model, GridSettings(max_patches=50))
     near = np.linalg.norm(pixels - centers[0], axis=1) <= 250.0 * model.diameter
     assert 49 <= len(pixels) <= 50 and near.mean() > 0.8
+    few = patch_pixels(frame, region, model, GridSettings(max_patches=50), share=0.25)
+    assert len(few) in (11, 12) and {*map(tuple, few)} < {*map(tuple, pixels)}

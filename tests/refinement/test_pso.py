@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from generated_values import SEEDS, numbers, poses_in_front, vectors
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses
-from hlp.refinement.pso import PsoRefiner, PsoSettings, search
+from hlp.refinement.pso import PsoRefiner, PsoSettings, descend, search
 from hlp.refinement.refiner import Refinement
 from hlp.refinement.swarm_kernel import apply_offsets, update_swarm
 from refinement_scene import colorless, disturbed, error, posed
@@ -216,4 +216,24 @@ def test_the_answer_is_the_best_pose_that_was_tried(chosen, start, centroid, see
     np.testing.assert_allclose(cost.evaluate(found[None])[0], lowest, atol=1e-7)
     assert lowest <= cost.evaluate(start[None])[0] + 1e-9
     assert 0 <= iterations <= chosen.iterations
+    np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-9)
+
+
+def test_parabolas_lead_to_the_bottom_of_a_bowl():
+    offset = np.array([[0.06, -0.04, 0.05, 0.004, -0.003, 0.004]])
+    goal = apply_offsets(start(), offset, CENTROID)[0]
+    steps = np.repeat([np.deg2rad(5.0), 0.005], 3)
+    found, iterations = descend(Bowl(goal), start(), CENTROID, steps, patience=5)
+    assert 1 < iterations <= 12
+    assert Bowl(goal).evaluate(found[None])[0] < 1e-3 * Bowl(goal).evaluate(start()[None])[0]
+    assert descend(Bowl(goal), start(), CENTROID, steps, patience=0) == (pytest.approx(start()), 0)
+
+
+@given(poses_in_front(), vectors(-0.1, 0.1), SEEDS, st.integers(0, 6))
+def test_a_descent_ends_at_the_best_pose_that_it_has_tried(start, centroid, seed, patience):
+    cost = Rippled(seed)
+    found, _ = descend(cost, start, centroid, np.full(6, 0.1), patience)
+    lowest = cost.lowest
+    np.testing.assert_allclose(cost.evaluate(found[None])[0], lowest, atol=1e-7)
+    assert lowest <= cost.evaluate(start[None])[0] + 1e-9
     np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-9)

@@ -82,7 +82,7 @@ def _trace(frame, mask, coarse, refined, sources, votes):
         [Refinement(pose, 0) for pose in refined],
         np.zeros(count),
         np.array(sources),
-        np.zeros((count, 2), dtype=int),
+        np.zeros((count, 4, 4)),
         (0,),
     )
     return ObjectTrace(

@@ -115,13 +115,13 @@ def answer(object_id: int, pose: np.ndarray | None) -> PoseEstimate:
 
 
 def found(*estimates: PoseEstimate, **poses: list[float]) -> FrameResults:
-    """Object 6 with coarse poses 1 and 2 m away; the fine ones and their sources as given."""
+    """Object 6 with coarse poses 1 and 2 m away; the fine ones and where they began as given."""
     trace = ObjectTrace(hypotheses=Hypotheses(np.stack([at(0, 0, 1.0), at(0, 0, 2.0)]), np.ones(2)))
     if poses:
         fine = [Refinement(at(0, 0, z), 0) for z in poses["fine"]]
-        sources, count = np.array(poses["sources"], dtype=int), len(fine)
-        seeds = np.zeros((count, 2), dtype=int)
-        refined = RefinedHypotheses(fine, np.zeros(count), sources, seeds, (0,))
+        starts, count = np.stack([at(0, 0, z) for z in poses["starts"]]), len(fine)
+        of_region = np.arange(count)
+        refined = RefinedHypotheses(fine, np.zeros(count), of_region, starts, (0,))
         trace = replace(trace, refined=refined)
     return FrameResults(Frame(1, 3, IMAGE, DEPTH, np.eye(3)), {6: trace}, estimates)
 
@@ -132,11 +132,10 @@ def test_the_answer_for_a_target_is_the_nearest_of_its_object() -> None:
     assert found(answer(6, None)).nearest(target) is None
 
 
-@pytest.mark.parametrize(("fine", "coarse"), [(1.9, 2.0), (0.9, 1.0), (3.0, None)])
-def test_the_coarse_pose_is_the_one_that_was_refined(fine: float, coarse: float | None) -> None:
-    # The pose at 3 m comes from the fallback, which has no coarse pose.
-    seen = found(fine=[0.9, 1.9, 3.0], sources=[0, 1, -1]).coarse(6, answer(6, at(0, 0, fine)))
-    assert (None if seen is None else seen[2, 3]) == coarse
+@pytest.mark.parametrize(("fine", "coarse"), [(1.9, 2.0), (0.9, 1.0), (3.0, 3.3)])
+def test_the_coarse_pose_is_the_one_that_was_refined(fine: float, coarse: float) -> None:
+    seen = found(fine=[0.9, 1.9, 3.0], starts=[1.0, 2.0, 3.3]).coarse(6, answer(6, at(0, 0, fine)))
+    assert seen is not None and seen[2, 3] == coarse
 
 
 def test_without_an_answer_the_best_coarse_pose_is_shown() -> None:

@@ -52,7 +52,7 @@ def test_regions_and_refined_poses_come_back_exactly(trace, tmp_path):
         assert region and refined and after.region and after.refined
         for name in ("centers", "probabilities", "mask"):
             np.testing.assert_array_equal(getattr(after.region, name), getattr(region, name))
-        for name in ("costs", "sources", "seeds"):
+        for name in ("costs", "sources", "starts"):
             np.testing.assert_array_equal(getattr(after.refined, name), getattr(refined, name))
         np.testing.assert_array_equal(after.refined.chosen_poses, refined.chosen_poses)
         assert after.fits == before.fits and after.refined.instances == refined.instances

@@ -224,12 +224,17 @@ def object_radii(frame: Frame, pixels: Positions, model: ObjectModel) -> Values:
     return np.asarray(frame.camera_matrix[0, 0] * model.diameter / np.maximum(depths, _NEAREST) / 2)
 
 
-def patch_pixels(frame: Frame, region: Region, model: ObjectModel, grid: GridSettings) -> Pixels:
-    """Centres (x, y) of a region's patches; of too many, more of those at likely windows."""
+def patch_pixels(
+    frame: Frame, region: Region, model: ObjectModel, grid: GridSettings, share: float = 1.0
+) -> Pixels:
+    """Centres (x, y) of a share of a region's patches; of too many, more at likely windows."""
     pixels = region_pixels(region.mask, grid.step)
     radii = object_radii(frame, pixels, model)
     weights = region_weights(region, pixels.astype(np.float64), radii)
-    return np.asarray(pixels[thin_out(weights, grid.max_patches)])
+    chosen = thin_out(weights, grid.max_patches)
+    if share < 1.0:
+        chosen = chosen[thin_out(weights[chosen], round(share * len(chosen)))]
+    return np.asarray(pixels[chosen])
 
 
 def region_pixels(mask: Mask, step: int) -> Pixels:

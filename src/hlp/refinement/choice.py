@@ -26,8 +26,8 @@ _IF_THERE = 8  # hypotheses refined at first of an object with colours that may 
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 
-KnownRefinements = dict[bytes, tuple[Refinement, tuple[int, int]]]
-"""Refinements and their seeds, see `RefinedHypotheses`, by the bytes of the coarse pose."""
+KnownRefinements = dict[bytes, Refinement]
+"""Refinements by the bytes of the coarse pose."""
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,15 @@ class RefinedHypotheses:
 
     `refined[i]` was refined from the coarse hypothesis of index `sources[i]` and has the
     verification cost `costs[i]`, infinite if it stood on pixels of chosen instances only; a source
-    of -1 means that the hypothesis is not among those that the region gave. `seeds[i]` is the seed
-    of the refiner's call and the hypothesis' number in it, by which the search can be repeated.
-    `instances` are the rows of the chosen ones, in the order of choice; there is at least one.
+    of -1 means that the hypothesis is not among those that the region gave. Its pose is
+    `starts[i]`. `instances` are the rows of the chosen ones, in the order of choice; there is at
+    least one.
     """
 
     refined: list[Refinement]
     costs: Values
     sources: Int[np.ndarray, "c"]
-    seeds: Int[np.ndarray, "c 2"]
+    starts: Poses
     instances: tuple[int, ...]
 
     @property
@@ -82,9 +82,9 @@ class InstanceSearch:
     that of a pose. With a `min_score` the number of instances is not known: one below it is the
     last, and a further one is given up early where the first poses are hopeless. With an
     `early_score`, fewer are refined, and one is given up whose shape soon scores hopelessly little.
-    `known` are refinements of coarse poses of the object in the image, and their seeds, by the
-    pose's bytes: they are not made again, and new ones are added. `enter` is called with each part
-    that begins: refine, verify or second_search.
+    `known` are refinements of coarse poses of the object in the image, by the bytes of the pose:
+    they are not made again, and new ones are added. `enter` is called with each part that begins:
+    refine, verify or second_search.
     """
 
     refiner: Refiner
@@ -113,7 +113,6 @@ class InstanceSearch:
         self._evidence = Evidence(*(values[ranking] for values in found))
         self._refined: list[Refinement] = []
         self._sources: list[int] = []
-        self._seeds: list[tuple[int, int]] = []
         self._costs = np.zeros(0)
         self._instances: list[int] = []
         self._judged: dict[bytes, tuple[float, ...]] = {}  # evidence for refined poses
@@ -127,8 +126,9 @@ class InstanceSearch:
                 break
         if not self._instances:
             return None
-        arrays = self._costs, np.array(self._sources), np.array(self._seeds)
-        return RefinedHypotheses(self._refined, *arrays, tuple(self._instances))
+        sources = np.array(self._sources)
+        found = self._refined, self._costs, sources, self._poses[sources]
+        return RefinedHypotheses(*found, tuple(self._instances))
 
     def _scores_below(self, row: int, limit: float = 1.0) -> bool:
         """Whether the number is not known, and a refined pose scores less than both limits."""
@@ -218,13 +218,11 @@ class InstanceSearch:
             of = self._model, self.observation, batch, batch_seed, self._spent()
             found = self.refiner.refine(*of, self._is_given_up if self.early_score else None)
             self.enter("verify")
-            for number, (row, refined) in enumerate(zip(new, found, strict=True)):
-                self.known[self._poses[row].tobytes()] = refined, (batch_seed, number)
-        done = [self.known[key] for key in keys]
-        self._refined += [refined for refined, _ in done]
-        self._seeds += [seeds for _, seeds in done]
+            for row, refined in zip(new, found, strict=True):
+                self.known[self._poses[row].tobytes()] = refined
+        self._refined += [self.known[key] for key in keys]
         self._sources += rows.tolist()
-        return np.arange(len(self._refined) - len(done), len(self._refined))
+        return np.arange(len(self._refined) - len(rows), len(self._refined))
 
     def _search_again(self, row: int, rows: Rows) -> None:
         """Search again about the chosen one of the free `rows`; what fits less well is dropped.

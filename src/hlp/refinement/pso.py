@@ -18,27 +18,37 @@ from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Count, Doc, NotNegative, Settings, SettingsError, WholeNumber
 from hlp.threads import ThreadTeam, threads_here
 
-_SECOND_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17  # random streams; hypotheses use 0, 1, …
+_FOLLOW_STREAM = 1 << 17  # random stream; hypotheses use 0, 1, …
+_FLAT = 1e-9  # bend of a parabola: with less it has no lowest point
+_MOST_DESCENTS = 12
 _EARLY = 4  # iterations after which a hopeless pose is given up (D)
 _HOPELESS = 0.3  # of the highest cost: what costs more then, of an object without colours (D)
+
+Offset = Float[np.ndarray, "6"]
+"""Three angles (rad) and three distances (m), see `apply_offsets`."""
 
 
 @dataclass(frozen=True)
 class SecondSearchSettings(Settings):
-    """The second search, about the chosen pose (D)."""
+    """The second search, about the chosen pose: by parabolas instead of a swarm (D)."""
 
-    theta_deg: Annotated[NotNegative, Doc("half the side of the box in rotation (D)")] = 3.0
-    tau_mm: Annotated[NotNegative, Doc("half the side of the box in translation (D)")] = 3.0
-    patience: Annotated[WholeNumber, Doc("iterations without gain before stopping (D)")] = 6
+    theta_deg: Annotated[NotNegative, Doc("largest step in rotation (D)")] = 5.0
+    tau_mm: Annotated[NotNegative, Doc("largest step in translation (D)")] = 5.0
+    patience: Annotated[
+        WholeNumber, Doc("iterations with little gain before stopping; each halves the steps (D)")
+    ] = 5
 
 
 @dataclass(frozen=True)
-class FollowSettings(SecondSearchSettings):
+class FollowSettings(Settings):
     """The search about the last pose of an object that is tracked (D).
 
     Chosen on rendered sequences: 25 particles are right as often, up to 20 mm and 10° a frame.
     """
 
+    theta_deg: Annotated[NotNegative, Doc("half the side of the box in rotation (D)")] = 3.0
+    tau_mm: Annotated[NotNegative, Doc("half the side of the box in translation (D)")] = 3.0
+    patience: Annotated[WholeNumber, Doc("iterations without gain before stopping (D)")] = 6
     particles: Annotated[Count, Le(10_000), Doc("number of particles (D)")] = 15
 
 
@@ -59,7 +69,7 @@ class PsoSettings(Settings):
     phi_2: Annotated[
         NotNegative, Doc("pull to the global best; phi_1 + phi_2 must be above 4 (D)")
     ] = 1.3
-    iterations: Annotated[WholeNumber, Le(10_000), Doc("largest number of iterations (D)")] = 30
+    iterations: Annotated[WholeNumber, Le(10_000), Doc("largest number of iterations (D)")] = 14
     patience: Annotated[WholeNumber, Doc("iterations without gain before stopping (D; P: 1)")] = 6
     recentre: Annotated[
         bool, Doc("the box follows the best pose, up to 30° away (D; P: not said, false)")
@@ -138,14 +148,16 @@ class PsoRefiner(Refiner):
         seed: int,
         spent: float = 0.0,
     ) -> Refinement:
-        """See `Refiner.second_search`: a search in a smaller box, in the remaining time."""
-        second, left = self._settings.second_search, self._remaining(spent)
-        if second is None or left <= 0.0:
+        """See `Refiner.second_search`: `descend`, if there is time left. Nothing is random."""
+        second = self._settings.second_search
+        if second is None or self._remaining(spent) <= 0.0:
             return chosen
-        settings = replace(self._settings, **vars(second))
-        stream, deadline = (seed, _SECOND_STREAM), time.perf_counter() + left
-        found = _search(model, observation, chosen.pose_cam_obj, settings, stream, deadline)
-        return Refinement(found.pose_cam_obj, chosen.iterations + found.iterations)
+        cost = cost_around(model, observation, chosen.pose_cam_obj, self._settings.cost)
+        steps = _box(second.theta_deg, second.tau_mm)
+        pose, iterations = descend(
+            cost, chosen.pose_cam_obj, model.centroid, steps, second.patience
+        )
+        return Refinement(pose, chosen.iterations + iterations)
 
     def follow(
         self, model: ObjectModel, observation: Observation, pose_cam_obj: Pose, seed: int
@@ -202,7 +214,7 @@ def search(
     that the best is 0, which is approximate for others, since rotations do not add. Before each
     iteration `goes_on` is asked: given their number, the lowest cost, a pose and offsets from it.
     """
-    box = np.repeat([np.deg2rad(settings.theta_deg), settings.tau_mm / 1000.0], 3)
+    box = _box(settings.theta_deg, settings.tau_mm)
     phi = settings.phi_1, settings.phi_2
     constriction = 2.0 / abs(2.0 - sum(phi) - np.sqrt(sum(phi) ** 2 - 4.0 * sum(phi)))
     centre = np.array(pose_cam_obj, dtype=np.float64)
@@ -230,3 +242,41 @@ def search(
         idle = 0 if own_gain or personal_cost[best] < global_cost else idle + 1
         global_best, global_cost = personal_best[best].copy(), personal_cost[best]
     return apply_offsets(centre, global_best[None] * box, centroid)[0], iteration
+
+
+def descend(
+    cost: DepthCost, pose_cam_obj: Pose, centroid: Point, steps: Offset, patience: int
+) -> tuple[Pose, int]:
+    """A pose near one that costs no more, found by parabolas, and the number of iterations.
+
+    The cost is taken one step back and forth along each of the six offsets. The pose then moves to
+    the cheapest of these: the lowest points of the six parabolas through them, each at most a step
+    away; half of that; the best single step; and half way between it and the first. Where none of
+    them costs less, or shorter steps would do, steps are halved, `patience` times at most.
+    """
+    pose, lowest = pose_cam_obj, float(cost.evaluate(pose_cam_obj[None])[0])
+    single = np.concatenate([np.eye(6), -np.eye(6)])
+    idle, iteration = 0, 0
+    while iteration < _MOST_DESCENTS and idle < patience:
+        iteration += 1
+        scale = steps / 2.0**idle
+        costs = cost.evaluate(apply_offsets(pose, single * scale, centroid))
+        slope, bend = (costs[:6] - costs[6:]) / 2.0, costs[:6] + costs[6:] - 2.0 * lowest
+        bottom = -slope / np.maximum(bend, _FLAT)  # far away where there is none
+        bottom = np.clip(bottom, -1.0, 1.0)
+        best = single[costs.argmin()] * (costs.min() < lowest)
+        tried = np.stack([bottom, bottom / 2.0, best, (bottom + best) / 2.0])
+        poses = apply_offsets(pose, tried * scale, centroid)
+        costs = cost.evaluate(poses)
+        row = int(costs.argmin())
+        if costs[row] >= lowest:
+            idle += 1
+            continue
+        pose, lowest = poses[row], float(costs[row])
+        idle += int(np.abs(tried[row]).max() < 0.5)
+    return pose, iteration
+
+
+def _box(theta_deg: float, tau_mm: float) -> Offset:
+    """Half the sides of a box, of three angles (rad) and three distances (m)."""
+    return np.repeat([np.deg2rad(theta_deg), tau_mm / 1000.0], 3)

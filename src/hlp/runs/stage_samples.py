@@ -26,11 +26,10 @@ from hlp.records import (
     Views,
     frame_key,
 )
-from hlp.refinement.choice import choose_among_alike
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
-from hlp.refinement.refiner import Refinement, cost_around
-from hlp.refinement.verification import Observation, Verifier, observe
+from hlp.refinement.refiner import cost_around
+from hlp.refinement.verification import Observation, observe
 from hlp.reporting.figures.panels import SeenTarget
 from hlp.reporting.figures.stage_figures import PatchEntries, SwarmsOfTarget
 from hlp.runs.diagnosis import visible_pixels
@@ -77,15 +76,13 @@ class FrameResults:
     def coarse(self, object_id: int, estimate: PoseEstimate | None) -> Pose | None:
         """The coarse pose that became the estimate; without an estimate the best one.
 
-        None if there is none: the fallback finds poses without any.
+        None if there is none.
         """
-        found = self.trace[object_id]
-        poses = np.zeros((0, 4, 4)) if found.hypotheses is None else found.hypotheses.poses_cam_obj
-        row = self.row(object_id, estimate)
-        if row is None or found.refined is None:
-            return poses[0] if len(poses) else None
-        source = int(found.refined.sources[row])
-        return poses[source] if 0 <= source < len(poses) else None
+        found, row = self.trace[object_id], self.row(object_id, estimate)
+        if row is not None and found.refined is not None:
+            return np.asarray(found.refined.starts[row])
+        coarse = found.hypotheses
+        return coarse.poses_cam_obj[0] if coarse is not None and len(coarse) else None
 
     def row(self, object_id: int, estimate: PoseEstimate | None) -> int | None:
         """Which of the object's refined poses is the estimate; None without one."""
@@ -201,19 +198,18 @@ class RecordedCost(DepthCost):
 def swarms_of_target(
     detection: DetectionStages, found: FrameResults, seen: SeenTarget
 ) -> SwarmsOfTarget | None:
-    """The first searches for a target's object; None where none can be repeated.
+    """Searches from the coarse poses that a target's object was refined from, done once more.
 
-    The chosen one led to the answer that is nearest to the target.
+    The chosen one led to the answer that is nearest to the target. None without a swarm.
     """
     object_id, settings = seen.truth.object_id, detection.settings.refinement
     refined, chosen = found.trace[object_id].refined, found.row(object_id, seen.estimate)
-    rows = [*range(min(_SWARMS, 0 if refined is None else len(refined.refined)))]
-    asked = dict.fromkeys(rows if chosen is None else [*rows, chosen])
-    searched = {row: search_again(detection, found, object_id, row) for row in asked}
-    swarms = {row: rounds for row, rounds in searched.items() if rounds is not None}
-    if not swarms:
+    if refined is None or not isinstance(settings, PsoSettings):
         return None
-    assert isinstance(settings, PsoSettings)  # of others, no search can be repeated
+    rows = range(min(_SWARMS, len(refined.refined)))
+    asked = dict.fromkeys([*rows] if chosen is None else [*rows, chosen])
+    starts = {row: refined.starts[row] for row in asked}
+    swarms = {row: search_again(settings, found, seen.model, starts[row]) for row in asked}
     observed = _observation(settings, found)
 
     def own_cost(pose_cam_obj: Pose) -> float:
@@ -231,34 +227,13 @@ def swarms_of_target(
 
 
 def search_again(
-    detection: DetectionStages, found: FrameResults, object_id: int, row: int
-) -> Float[np.ndarray, "rounds particles"] | None:
-    """Costs of all particles in the search that one of an object's refined poses comes from.
-
-    None if the search cannot be repeated with the same pose as end: it had another refiner or a
-    time budget, was given up, or is from the fallback: its coarse poses are not kept.
-    """
-    settings = detection.settings.refinement
-    refined, coarse = found.trace[object_id].refined, found.trace[object_id].hypotheses
-    assert refined is not None and coarse is not None
-    source = int(refined.sources[row])
-    if not isinstance(settings, PsoSettings) or source < 0:
-        return None
-    model: ObjectModel = detection.dataset.models[object_id]
-    start, stored = coarse.poses_cam_obj[source], refined.refined[row].pose_cam_obj
+    settings: PsoSettings, found: FrameResults, model: ObjectModel, start: Pose
+) -> Float[np.ndarray, "rounds particles"]:
+    """Costs of all particles in a search from a coarse pose, with random numbers of its own."""
     seen = _observation(settings, found)
     edges = seen.edges_of(model)
     cost = RecordedCost(model.proxy, seen.depth, seen.camera_matrix, start, settings.cost, edges)
-    rng = np.random.default_rng(refined.seeds[row])
-    pose, iterations = search(cost, start, model.centroid, settings, rng)
-    if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
-        pose = choose_among_alike(Verifier(model, settings.verification), seen, pose)
-        # The first refinement has the seed of the second search; later ones have larger ones.
-        refiner, seed = settings.build(threads=1), int(refined.seeds[:, 0].min())
-        refined_once_more = refiner.second_search(model, seen, Refinement(pose, iterations), seed)
-        ends = (pose, refined_once_more.pose_cam_obj)
-        if not any(np.array_equal(end, stored) for end in ends):
-            return None
+    search(cost, start, model.centroid, settings, np.random.default_rng(0))
     return np.stack(cost.rounds)
 
 

@@ -211,14 +211,23 @@ class DetectionStages:
             self.search(frame, given, missing[-1])
             self.first_use_seconds = time.perf_counter() - begun
         begun = time.process_time()
-        found = self.search(frame, given, missing[-1])
+        found = self.search(frame, given, missing[-1], recorded=True)
         self.cpu_seconds += time.process_time() - begun
         for stage in missing:
             write_trace(folders[stage], key, stage, found)
         return seconds_of(found)
 
-    def search(self, frame: Frame, given: Trace | None = None, last: Stage = "poses") -> Trace:
-        """Search a frame up to a stage, in memory; one object at a time, to time each."""
+    def search(
+        self,
+        frame: Frame,
+        given: Trace | None = None,
+        last: Stage = "poses",
+        recorded: bool = False,
+    ) -> Trace:
+        """Search a frame up to a stage, in memory; one object at a time, to time each.
+
+        With `recorded`, nothing is missing of what the stages keep.
+        """
         begun, counts = time.perf_counter(), self.dataset.instances_to_find(frame)
         unknown = self.dataset.search_all
         return search_frame(
@@ -228,6 +237,7 @@ class DetectionStages:
             given=given,
             stop_after=last,
             by_threads=False,
+            recorded=recorded,
             begun=begun,
         )
 

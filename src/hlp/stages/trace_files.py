@@ -150,7 +150,7 @@ def _refined_arrays(found: ObjectTrace) -> Arrays:
         "poses": np.stack([pose.pose_cam_obj for pose in refined.refined]),
         "costs": refined.costs,
         "sources": refined.sources,
-        "seeds": refined.seeds,
+        "starts": refined.starts,
         "instances": np.array(refined.instances),
         "fits": np.array([astuple(fit) for fit in found.fits]),
     }
@@ -160,7 +160,7 @@ def _with_refined(found: ObjectTrace, arrays: Arrays, _: int) -> ObjectTrace:
     if "poses" not in arrays:
         return found
     poses = [Refinement(pose, 0) for pose in arrays["poses"]]
-    costs, sources, seeds = (arrays[name] for name in ("costs", "sources", "seeds"))
-    refined = RefinedHypotheses(poses, costs, sources, seeds, tuple(arrays["instances"].tolist()))
+    costs, sources, starts = (arrays[name] for name in ("costs", "sources", "starts"))
+    refined = RefinedHypotheses(poses, costs, sources, starts, tuple(arrays["instances"].tolist()))
     fits = tuple(PoseFit(*fit) for fit in arrays["fits"].tolist())
     return replace(found, refined=refined, fits=fits)

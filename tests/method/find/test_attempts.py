@@ -63,8 +63,8 @@ class Scores:
 def refined(*poses):
     if not poses:
         return None
-    found, seeds = [Refinement(pose, 1) for pose in poses], np.zeros((len(poses), 2), int)
-    return RefinedHypotheses(found, np.zeros(len(poses)), np.arange(len(poses)), seeds, (0,))
+    found, starts = [Refinement(pose, 1) for pose in poses], np.stack(poses)
+    return RefinedHypotheses(found, np.zeros(len(poses)), np.arange(len(poses)), starts, (0,))
 
 
 def attempts(estimator, context, instances, *searches, min_score=None):

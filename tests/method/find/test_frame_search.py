@@ -10,6 +10,8 @@ import pytest
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import STEPS, ObjectTrace
 from hlp.records import Hypotheses, Region
+from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.refiner import Refinement
 from hlp.threads import ThreadTeam
 
 
@@ -51,6 +53,9 @@ class Estimator:
         return iter(())
 
     def has_templates(self, object_id):
+        return False
+
+    def may_be_found_soon(self, object_id):
         return False
 
 
@@ -118,3 +123,71 @@ def test_what_is_left_of_all_objects_is_measured_together_before_each_fit(monkey
     (among,) = fits.settle.call_args.args
     assert [(i, pose[0, 0]) for i, pose in among] == [(5, 1.0), (5, 2.0), (3, 3.0)]
     assert [found.fits for found in trace.values()] == [((5, 1.0), (5, 2.0)), ((3, 3.0),), ()]
+
+
+class Soon(Estimator):
+    """Finds poses whose scores are `soon` with few patches and `late` with all; notes `shares`."""
+
+    def __init__(self, soon, late, probability=0.9):
+        super().__init__(1, 1, {5: probability})
+        self.looks, self.shares = [soon, late], []
+
+    def may_be_found_soon(self, object_id):
+        return True
+
+    def find_hypotheses(self, context, region, share=1.0):
+        self.shares.append(share)
+        poses = np.tile(share * np.eye(4), (30, 1, 1))
+        found = Hypotheses(poses, np.ones(30))
+        return ObjectTrace(region, hypotheses=found, seconds={"local": share, "voting": share})
+
+    def refine(self, _, __, hypotheses, *___, **____):
+        share = hypotheses.poses_cam_obj[0, 0, 0]
+        scores = self.looks[int(share == 1.0)]
+        assert len(hypotheses) == (30 if share == 1.0 else 20)
+        poses = np.array([score * np.eye(4) for score in scores])
+        found, rows = [Refinement(pose, 1) for pose in poses], np.arange(len(scores))
+        return (
+            RefinedHypotheses(found, np.zeros(len(rows)), rows, poses, tuple(rows))
+            if len(rows)
+            else None
+        )
+
+    def scores_found(self, counts, **options):
+        """The scores of what is chosen, and the trace of object 5."""
+        fits = Mock(score=lambda _, pose: pose[0, 0])
+        context = SimpleNamespace(estimator=self, fits=fits)
+        found = search_frame(context, counts, by_threads=False, **options)[5]
+        return [pose[0, 0] for pose in found.refined.chosen_poses], found
+
+
+@pytest.mark.parametrize(
+    ("soon", "count", "min_score", "probability", "shares"),
+    [
+        ([0.997], 1, None, 0.9, [0.25]),
+        ([0.997, 0.1], 9, 0.5, 0.9, [0.25]),  # no second one is probably right
+        ([0.997, 0.6], 9, 0.5, 0.9, [0.25, 1.0]),
+        ([0.99], 1, None, 0.9, [0.25, 1.0]),
+        ([], 1, 0.5, 0.9, [0.25, 1.0]),
+        ([0.997], 1, None, 0.3, [1.0]),  # hardly there
+        ([0.997], 2, None, 0.9, [1.0]),  # several are known to be there
+    ],
+)
+def test_few_patches_do_for_one_sure_pose(soon, count, min_score, probability, shares):
+    estimator = Soon(soon, [0.8], probability)
+    chosen, found = estimator.scores_found({5: count}, min_score=min_score)
+    assert estimator.shares[: len(shares)] == shares
+    assert chosen[0] == (0.997 if shares == [0.25] else 0.8)
+    assert (found.hypotheses is None) == (shares == [0.25])
+    assert found.seconds["local"] == sum(shares)
+
+
+def test_what_is_recorded_changes_no_answer_and_takes_no_time_of_its_own():
+    """Nor does it matter whether coarse poses are known already."""
+    quick, recorded, given = (Soon([0.997], [0.8]) for _ in range(3))
+    alone, before = quick.scores_found({5: 1})
+    chosen, after = recorded.scores_found({5: 1}, recorded=True)
+    assert chosen == alone == [0.997] and recorded.shares == [0.25, 1.0]
+    assert len(after.hypotheses) == 30 and after.refined.sources.tolist() == [-1]
+    assert after.seconds["local"] == before.seconds["local"] == 0.25
+    assert given.scores_found({5: 1}, given={5: after})[0] == alone

@@ -52,8 +52,8 @@ class Looks:
             return None
         found = [Refinement(pose(score), 1) for score in [-1.0, *scores]]  # the first is not chosen
         rows = tuple(range(1, 1 + len(scores)))
-        seeds = np.zeros((len(found), 2), dtype=int)
-        return RefinedHypotheses(found, np.zeros(len(found)), np.arange(len(found)), seeds, rows)
+        starts = np.stack([each.pose_cam_obj for each in found])
+        return RefinedHypotheses(found, np.zeros(len(found)), np.arange(len(found)), starts, rows)
 
     def set_appearance(self, *_):
         pass

@@ -209,7 +209,7 @@ class Attempts:
             refined,
             np.concatenate([found.costs for found in self._found]),
             np.concatenate([found.sources for found in self._found]),
-            np.concatenate([found.seeds for found in self._found]),
+            np.concatenate([found.starts for found in self._found]),
             rows,
         )
 

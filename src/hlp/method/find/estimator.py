@@ -177,13 +177,16 @@ class PoseEstimator:
             frame = context.frame
             context.matches.share({r.object_id: self._patch_pixels(frame, r) for r in regions})
 
-    def find_hypotheses(self, context: FrameContext, region: Region) -> ObjectTrace:
-        """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
+    def find_hypotheses(
+        self, context: FrameContext, region: Region, share: float = 1.0
+    ) -> ObjectTrace:
+        """Stage 2: votes of a share of the region's patches, and their modes (section 3.2)."""
         begun = time.perf_counter()
         context.observer("cut")
         frame, model = context.frame, self.learnt.models[region.object_id]
         codebook = self.matching.group(region.object_id).codebooks[region.object_id]
-        cut, matches = context.matches.match(region.object_id, self._patch_pixels(frame, region))
+        pixels = self._patch_pixels(frame, region, share)
+        cut, matches = context.matches.match(region.object_id, pixels)
         matched = time.perf_counter()
         context.observer("vote")
         voting, weights = self.settings.coarse.voting, None
@@ -201,14 +204,19 @@ class PoseEstimator:
         seconds = {"local": matched - begun, "voting": time.perf_counter() - matched}
         return ObjectTrace(region, cut, votes, found, seconds=seconds)
 
-    def _patch_pixels(self, frame: Frame, region: Region) -> Pixels:
+    def _patch_pixels(self, frame: Frame, region: Region, share: float = 1.0) -> Pixels:
         model = self.learnt.models[region.object_id]
-        return patch_pixels(frame, region, model, self.settings.coarse.grid)
+        return patch_pixels(frame, region, model, self.settings.coarse.grid, share)
 
     def has_templates(self, object_id: int) -> bool:
         """Whether templates are asked for an object: only for one without colours."""
         colored = self.learnt.models[object_id].mesh.colored
         return self.settings.fine.templates is not None and not colored
+
+    def may_be_found_soon(self, object_id: int) -> bool:
+        """Whether few patches may do: scores tell right poses, and patches are not shared."""
+        unclear = self.has_templates(object_id) or len(self.verifier(object_id).turns) > 1
+        return not unclear and not self.matching.joint
 
     def match_templates(
         self, context: FrameContext, object_id: int, instances: int, unexplained: Observation | None
@@ -279,7 +287,7 @@ class PoseEstimator:
         if found is None:
             return None
         costs = of.costs(context.observation, found.pose_cam_obj[None])
-        return RefinedHypotheses([found], costs, np.array([-1]), np.array([[seed, 0]]), (0,))
+        return RefinedHypotheses([found], costs, np.array([-1]), pose_cam_obj[None], (0,))
 
     def follow(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Pose:
         """The pose of an instance that was at `pose_cam_obj` a moment before the frame."""
