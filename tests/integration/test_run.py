@@ -12,6 +12,8 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.summary import summarise
+from hlp.refinement.refiner import cost_around
+from hlp.refinement.verification import observe
 from hlp.results.poses_file import read_poses, read_scores
 from hlp.runs.runner import stages_of
 from hlp.runs.stage_samples import FrameResults, search_again
@@ -109,13 +111,16 @@ def test_a_run_draws_what_each_stage_works_with(tiny_run):
 def test_swarms_are_searched_again_from_the_coarse_poses(tiny_run):
     run = tiny_run.build("machine.threads=1")
     detection = stages_of(run, StageStore(tiny_run.folder / "work"))
-    found = FrameResults.read(detection, [], detection.keys[0])
-    for target in found.frame.targets:
+    found, settings = FrameResults.read(detection, [], detection.keys[0]), run.settings.refinement
+    frame = found.frame
+    seen = observe(frame.rgb, frame.depth, frame.camera_matrix, settings.verification)
+    for target in frame.targets:
         refined, model = found.trace[target.object_id].refined, run.dataset.models[target.object_id]
         for start in refined.starts[:2]:
-            rounds = search_again(run.settings.refinement, found, model, start)
+            rounds = search_again(settings, found, model, start)
             assert len(rounds) > 1 and rounds.shape[1] == 25
-            assert rounds.min() <= rounds[0, 0]  # which is the coarse pose's
+            cost = cost_around(model, seen, start, settings.cost)
+            assert rounds[0, 0] == cost.evaluate(start[None])[0]
 
 
 def test_a_detector_finds_the_same_poses(tiny_run, tmp_path):

@@ -25,7 +25,7 @@ class Recorder:
         poses, judge = hypotheses.poses_cam_obj, is_hopeless or (lambda _: False)
         return [Refinement(pose, 1, judge(pose)) for pose in poses]
 
-    def second_search(self, model, observation, answer, seed, spent=0.0):
+    def second_search(self, model, observation, answer, spent=0.0):
         self.searched_again.append(answer.pose_cam_obj)
         self.spent.append(spent)
         return Refinement(answer.pose_cam_obj, answer.iterations + 1)
@@ -113,7 +113,7 @@ class SecondSearch(Recorder):
         super().__init__()
         self.result = found
 
-    def second_search(self, model, observation, answer, seed, spent=0.0):
+    def second_search(self, model, observation, answer, spent=0.0):
         return Refinement(self.result, answer.iterations + 1)
 
 

@@ -136,7 +136,7 @@ def test_hypotheses_have_their_own_streams(scene, settings):
 def test_a_second_search_makes_the_answer_more_exact(scene, settings):
     refiner = PsoRefiner(settings)
     answers = [Refinement(disturbed(scene, 2, 2, seed), 5) for seed in range(4)]
-    found = [refiner.second_search(scene.model, scene.seen, a, k) for k, a in enumerate(answers)]
+    found = [refiner.second_search(scene.model, scene.seen, answer) for answer in answers]
     assert all(each.iterations > 5 for each in found)
     before, after = (np.mean([error(scene, e.pose_cam_obj) for e in s]) for s in (answers, found))
     assert after < 0.6 * before
@@ -144,7 +144,7 @@ def test_a_second_search_makes_the_answer_more_exact(scene, settings):
 
 def test_no_second_search_where_none_is_set_or_no_time_is_left(scene, settings):
     answer = Refinement(disturbed(scene, 2, 2, 0), 5)
-    given = (scene.model, scene.seen, answer, 0)
+    given = (scene.model, scene.seen, answer)
     assert PsoRefiner(replace(settings, second_search=None)).second_search(*given) is answer
     late = PsoRefiner(replace(settings, budget_ms=50.0))
     assert late.second_search(*given, spent=0.06) is answer

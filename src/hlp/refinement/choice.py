@@ -47,6 +47,10 @@ class RefinedHypotheses:
     starts: Poses
     instances: tuple[int, ...]
 
+    def from_elsewhere(self) -> "RefinedHypotheses":
+        """The same, of hypotheses that are not among those that the region gave."""
+        return replace(self, sources=np.full_like(self.sources, -1))
+
     @property
     def chosen_poses(self) -> list[Pose]:
         """The poses of the instances, in the order of choice."""
@@ -232,7 +236,7 @@ class InstanceSearch:
         before = self._refined[row]
         self.enter("second_search")
         self._refined[row] = self.refiner.second_search(
-            self._model, self.observation, before, self.seed, self._spent()
+            self._model, self.observation, before, self._spent()
         )
         self.enter("verify")
         cost = self._competing_costs(rows)[np.flatnonzero(rows == row)[0]]

@@ -141,12 +141,7 @@ class PsoRefiner(Refiner):
         return self._team.map(refine_one, len(poses))
 
     def second_search(
-        self,
-        model: ObjectModel,
-        observation: Observation,
-        chosen: Refinement,
-        seed: int,
-        spent: float = 0.0,
+        self, model: ObjectModel, observation: Observation, chosen: Refinement, spent: float = 0.0
     ) -> Refinement:
         """See `Refiner.second_search`: `descend`, if there is time left. Nothing is random."""
         second = self._settings.second_search

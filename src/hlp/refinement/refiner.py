@@ -48,12 +48,7 @@ class Refiner(Protocol):
         """
 
     def second_search(
-        self,
-        model: ObjectModel,
-        observation: Observation,
-        chosen: Refinement,
-        seed: int,
-        spent: float = 0.0,
+        self, model: ObjectModel, observation: Observation, chosen: Refinement, spent: float = 0.0
     ) -> Refinement:
         """A more exact pose for the hypothesis that was chosen; by default the same pose."""
         return chosen
@@ -124,7 +119,7 @@ def turned_over(
     before, *costs = verifier.costs(observation, np.stack([pose_cam_obj, *refined]))
     if min(costs) >= before:  # a second search lowers a cost by little
         return None
-    best = refiner.second_search(verifier.model, observation, found[int(np.argmin(costs))], seed)
+    best = refiner.second_search(verifier.model, observation, found[int(np.argmin(costs))])
     after = verifier.costs(observation, best.pose_cam_obj[None])[0]
     return best if after < _CLEARLY * before else None
 

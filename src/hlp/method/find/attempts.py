@@ -1,7 +1,6 @@
 """What one search after another finds of an object in a frame, and which of it are instances."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -103,7 +102,7 @@ class Attempts:
             # What looks best may be the bin: some more are tried, whatever the score of the first.
             missing, enough = min(missing, _TRIED), None
         found = self._estimator.refine(*self._of, coarse, missing, rest.left, enough, candidates)
-        self.add(found and replace(found, sources=np.full_like(found.sources, -1)))
+        self.add(found and found.from_elsewhere())
 
     def search_neighbours(self, least: float = _LIKELY) -> None:
         """Search the neighbours of what was found, and theirs, until there are no more.
@@ -151,7 +150,7 @@ class Attempts:
         before = self._score(answer.pose)
         for part in parts:
             row = sum(len(others.refined) for others in self._found) + part.instances[0]
-            self._found.append(replace(part, sources=np.full_like(part.sources, -1)))
+            self._found.append(part.from_elsewhere())
             (pose,) = part.chosen_poses
             scores = np.array([self._score(pose), before])
             more = max(float(np.diff(logits_of(scores))[0]), 0.0)

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -139,9 +139,10 @@ class _FrameSearch:
         if unlikely or not estimator.may_be_found_soon(object_id):
             return ObjectTrace()
         found = estimator.find_hypotheses(context, region, _FEW_PATCHES)
-        assert found.hypotheses is not None
+        coarse = found.hypotheses
+        assert coarse is not None
         begun, least = time.perf_counter(), max(self.min_score or 0.0, MIN_SCORE)
-        few = Hypotheses(*(each[:_FEW_POSES] for each in astuple(found.hypotheses)))
+        few = Hypotheses(coarse.poses_cam_obj[:_FEW_POSES], coarse.support[:_FEW_POSES])
         of = context, object_id, few, self.counts[object_id], self.unexplained
         refined = estimator.refine(*of, self.min_score, candidates=1)
         poses = [] if refined is None else refined.chosen_poses
@@ -149,10 +150,8 @@ class _FrameSearch:
         spent = {**found.seconds, "refinement": time.perf_counter() - begun}
         if refined is None or np.count_nonzero(scores >= least) != 1 or scores[0] < _SURE_ALONE:
             return ObjectTrace(seconds=spent)
-        sources = np.full_like(refined.sources, -1)
-        return ObjectTrace(
-            refined=self._doubted(object_id, replace(refined, sources=sources)), seconds=spent
-        )
+        answer = self._doubted(object_id, refined.from_elsewhere())
+        return ObjectTrace(refined=answer, seconds=spent)
 
     def _doubted(self, object_id: int, found: RefinedHypotheses | None) -> RefinedHypotheses | None:
         """What was found, with scores that know whether the object may be absent."""
