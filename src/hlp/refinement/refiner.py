@@ -47,6 +47,10 @@ class Refiner(Protocol):
         iterations may be given up: it is left as it then is.
         """
 
+    def soon(self) -> "Refiner":
+        """The refiner for a first look, in less time; by default the same."""
+        return self
+
     def second_search(
         self, model: ObjectModel, observation: Observation, chosen: Refinement, spent: float = 0.0
     ) -> Refinement:

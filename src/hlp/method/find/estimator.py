@@ -255,14 +255,14 @@ class PoseEstimator:
 
         At most as many `instances` are chosen as there are things that look like the object in what
         others leave (`unexplained`; None: all). The first one with a score below `min_score` is the
-        last. At most `candidates` hypotheses are refined for each (None: as the settings say).
+        last. At most `candidates` are refined for each (None: as set), one alone `Refiner.soon`.
         """
         if len(hypotheses) == 0:
             return None
         context.observer("screen")
         early = min_score is not None and not self.has_templates(object_id)
         search = InstanceSearch(
-            self._refiner,
+            self._refiner.soon() if candidates == 1 else self._refiner,
             self.verifier(object_id),
             context.observation,
             hypotheses,
