@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from generated_values import SEEDS, numbers, poses_in_front, vectors
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses
-from hlp.refinement.pso import PsoRefiner, PsoSettings, search
+from hlp.refinement.pso import DescentSettings, PsoRefiner, PsoSettings, descend, search
 from hlp.refinement.refiner import Refinement
 from hlp.refinement.swarm_kernel import apply_offsets, update_swarm
 from pose_costs import CENTROID, Bowl, Rippled, start
@@ -65,28 +65,7 @@ def test_a_pose_that_cannot_be_bettered_is_kept(settings):
     assert search(Bowl(start()), start(), CENTROID, few, np.random.default_rng(0))[1] == 4
 
 
-def test_a_hopeless_pose_is_given_up_early_and_any_other_is_not_affected(scene, settings):
-    """The question is asked once for each hypothesis, about the pose of that iteration."""
-    coarse = Hypotheses(np.stack([disturbed(scene, 15, 10, k) for k in range(3)]), np.ones(3))
-    asked = []
-
-    def the_second_is(pose):
-        asked.append(pose)
-        return len(asked) == 2
-
-    given = scene.model, scene.seen, coarse, 0
-    found = PsoRefiner(settings).refine(*given, is_hopeless=the_second_is)
-    alone = PsoRefiner(settings).refine(*given)
-    assert [one.given_up for one in found] == [False, True, False]
-    assert found[1].iterations == 3 < alone[1].iterations
-    np.testing.assert_array_equal(found[1].pose_cam_obj, asked[1])
-    three = PsoRefiner(replace(settings, iterations=3)).refine(*given)
-    np.testing.assert_array_equal([one.pose_cam_obj for one in three], asked)
-    for place in (0, 2):
-        np.testing.assert_array_equal(found[place].pose_cam_obj, alone[place].pose_cam_obj)
-
-
-def test_after_a_descent_a_hopeless_pose_has_no_swarm(scene, settings, descending):
+def test_a_hopeless_pose_has_no_swarm_and_others_are_not_affected(scene, settings, descending):
     """The question is about the pose that three parabolas led to; swarms begin after six."""
     coarse = Hypotheses(np.stack([disturbed(scene, 15, 10, k) for k in range(3)]), np.ones(3))
     asked = []
@@ -124,13 +103,13 @@ def test_a_first_look_needs_no_swarm_and_is_nearly_as_exact(scene, settings, des
 
 
 @pytest.mark.parametrize("colored", [False, True])
-def test_without_colours_a_hypothesis_that_soon_costs_much_is_given_up(scene, settings, colored):
+def test_without_colours_a_hypothesis_that_soon_costs_much_is_given_up(scene, descending, colored):
     """The bad one is in the air before the object."""
     model = scene.model if colored else colorless(scene.model)
     far = scene.pose.copy()
     far[2, 3] *= 0.7
     coarse = Hypotheses(np.stack([disturbed(scene, 5, 5, 1), far]), np.ones(2))
-    good, bad = PsoRefiner(settings).refine(model, scene.seen, coarse, 0)
+    good, bad = PsoRefiner(descending).refine(model, scene.seen, coarse, 0)
     assert not good.given_up and bad.given_up != colored
     assert bad.iterations == 3 or colored
 
@@ -227,4 +206,26 @@ def test_the_answer_is_the_best_pose_that_was_tried(chosen, start, centroid, see
     np.testing.assert_allclose(cost.evaluate(found[None])[0], lowest, atol=1e-7)
     assert lowest <= cost.evaluate(start[None])[0] + 1e-9
     assert 0 <= iterations <= chosen.iterations
+    np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-9)
+
+
+def test_parabolas_lead_to_the_bottom_of_a_bowl():
+    offset = np.array([[0.06, -0.04, 0.05, 0.004, -0.003, 0.004]])
+    goal = apply_offsets(start(), offset, CENTROID)[0]
+    found, iterations = descend(Bowl(goal), start(), CENTROID, DescentSettings())
+    assert 1 < iterations <= 12
+    assert Bowl(goal).evaluate(found[None])[0] < 1e-3 * Bowl(goal).evaluate(start()[None])[0]
+    few = DescentSettings(iterations=2)
+    assert descend(Bowl(goal), start(), CENTROID, few)[1] == 2
+    none = DescentSettings(patience=0)
+    assert descend(Bowl(goal), start(), CENTROID, none) == (pytest.approx(start()), 0)
+
+
+@given(poses_in_front(), vectors(-0.1, 0.1), SEEDS, st.integers(0, 6))
+def test_a_descent_ends_at_the_best_pose_that_it_has_tried(start, centroid, seed, patience):
+    cost = Rippled(seed)
+    found, _ = descend(cost, start, centroid, DescentSettings(6.0, 100.0, patience))
+    lowest = cost.lowest
+    np.testing.assert_allclose(cost.evaluate(found[None])[0], lowest, atol=1e-7)
+    assert lowest <= cost.evaluate(start[None])[0] + 1e-9
     np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-9)

@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Gt, Le
+from jaxtyping import Float
 
 from hlp.arrays import Point, Pose
 from hlp.records import Hypotheses, ObjectModel
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.descent import DescentSettings, Offset, descend, offset_box
 from hlp.refinement.refiner import REFINERS, IsHopeless, Refinement, Refiner, cost_around
 from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
 from hlp.refinement.verification import Observation, VerificationSettings
@@ -19,8 +19,25 @@ from hlp.settings import Count, Doc, NotNegative, Settings, SettingsError, Whole
 from hlp.threads import ThreadTeam, threads_here
 
 _FOLLOW_STREAM = 1 << 17  # random stream; hypotheses use 0, 1, …
-_EARLY = 3  # iterations after which a hopeless pose is given up (D)
+_FLAT = 1e-9  # bend of a parabola: with less it has no lowest point
+_EARLY = 3  # steps by parabolas after which a hopeless pose is given up (D)
 _HOPELESS = 0.3  # of the highest cost: what costs more then, of an object without colours (D)
+
+
+Offset = Float[np.ndarray, "6"]
+"""Three angles (rad) and three distances (m), see `apply_offsets`."""
+
+
+@dataclass(frozen=True)
+class DescentSettings(Settings):
+    """A search by parabolas (`descend`) (D)."""
+
+    theta_deg: Annotated[NotNegative, Doc("largest step in rotation (D)")] = 5.0
+    tau_mm: Annotated[NotNegative, Doc("largest step in translation (D)")] = 5.0
+    patience: Annotated[
+        WholeNumber, Doc("iterations with little gain before stopping; each halves the steps (D)")
+    ] = 5
+    iterations: Annotated[Count, Le(10_000), Doc("largest number of iterations (D)")] = 12
 
 
 @dataclass(frozen=True)
@@ -172,28 +189,23 @@ def _search(
     hopeless_cost: float = np.inf,
 ) -> Refinement:
     """One hypothesis: `descend`, if it is set, then `search` with a random stream of its own."""
-    centroid, first, done, given_up = model.centroid, settings.descent, 0, False
+    given_up = False
 
-    def descent_goes_on(done: int, lowest: float, pose: Pose) -> bool:
+    def goes_on(done: int, lowest: float, pose: Pose) -> bool:
         nonlocal given_up
         if done == _EARLY:
             given_up = lowest > hopeless_cost or (is_hopeless is not None and is_hopeless(pose))
         return not given_up
 
-    def swarm_goes_on(done: int, lowest: float, centre: Pose, best: Offset) -> bool:
-        if first is None and done == _EARLY:
-            descent_goes_on(done, lowest, apply_offsets(centre, best[None], centroid)[0])
-        return not given_up and time.perf_counter() <= deadline
-
-    cost = cost_around(model, observation, pose_cam_obj, settings.cost)
-    if first is not None:
-        pose_cam_obj, done = descend(cost, pose_cam_obj, centroid, first, descent_goes_on)
+    cost, pose, done = cost_around(model, observation, pose_cam_obj, settings.cost), pose_cam_obj, 0
+    if settings.descent is not None:
+        pose, done = descend(cost, pose, model.centroid, settings.descent, goes_on)
         if given_up or settings.iterations == 0:
-            return Refinement(pose_cam_obj, done, given_up)
-        cost = cost_around(model, observation, pose_cam_obj, settings.cost)
-    of = cost, pose_cam_obj, centroid, settings, np.random.default_rng(stream)
-    pose, iterations = search(*of, swarm_goes_on)
-    return Refinement(pose, done + iterations, given_up)
+            return Refinement(pose, done, given_up)
+        cost = cost_around(model, observation, pose, settings.cost)
+    rng = np.random.default_rng(stream)
+    pose, iterations = search(cost, pose, model.centroid, settings, rng, deadline)
+    return Refinement(pose, done + iterations)
 
 
 def search(
@@ -202,16 +214,16 @@ def search(
     centroid: Point,
     settings: PsoSettings,
     rng: np.random.Generator,
-    goes_on: Callable[[int, float, Pose, Offset], bool] = lambda *_: True,
+    deadline: float = np.inf,
 ) -> tuple[Pose, int]:
     """The pose of lowest cost found around a pose, and the number of iterations.
 
     Positions are offsets from the box's centre in units of (θ, τ). With `recentre` the box follows
     the best pose, so that poses outside the first box can be reached; positions are then shifted so
-    that the best is 0, which is approximate for others, since rotations do not add. Before each
-    iteration `goes_on` is asked: given their number, the lowest cost, a pose and offsets from it.
+    that the best is 0, which is approximate for others, since rotations do not add. No iteration
+    begins after the `deadline` (`time.perf_counter`).
     """
-    box = offset_box(settings.theta_deg, settings.tau_mm)
+    box = _box(settings.theta_deg, settings.tau_mm)
     phi = settings.phi_1, settings.phi_2
     constriction = 2.0 / abs(2.0 - sum(phi) - np.sqrt(sum(phi) ** 2 - 4.0 * sum(phi)))
     centre = np.array(pose_cam_obj, dtype=np.float64)
@@ -224,7 +236,7 @@ def search(
     global_best, global_cost = personal_best[best].copy(), personal_cost[best]
     idle, iteration = 0, 0
     while iteration < settings.iterations and idle < settings.patience:
-        if not goes_on(iteration, float(global_cost), centre, global_best * box):
+        if time.perf_counter() > deadline:
             break
         iteration += 1
         if settings.recentre and global_best.any():
@@ -239,3 +251,49 @@ def search(
         idle = 0 if own_gain or personal_cost[best] < global_cost else idle + 1
         global_best, global_cost = personal_best[best].copy(), personal_cost[best]
     return apply_offsets(centre, global_best[None] * box, centroid)[0], iteration
+
+
+def descend(
+    cost: DepthCost,
+    pose_cam_obj: Pose,
+    centroid: Point,
+    settings: DescentSettings,
+    goes_on: Callable[[int, float, Pose], bool] = lambda *_: True,
+) -> tuple[Pose, int]:
+    """A pose near one that costs no more, found by parabolas, and the number of iterations.
+
+    The cost is taken one step back and forth along each of the six offsets. The pose then moves to
+    the cheapest of these: the lowest points of the six parabolas through them, each at most a step
+    away; half of that; the best single step; and half way between it and the first. Where none of
+    them costs less, or shorter steps would do, steps are halved. Before each iteration `goes_on` is
+    asked: given their number, the lowest cost and its pose.
+    """
+    steps = _box(settings.theta_deg, settings.tau_mm)
+    pose, lowest = pose_cam_obj, float(cost.evaluate(pose_cam_obj[None])[0])
+    single = np.concatenate([np.eye(6), -np.eye(6)])
+    idle, iteration = 0, 0
+    while iteration < settings.iterations and idle < settings.patience:
+        if not goes_on(iteration, lowest, pose):
+            break
+        iteration += 1
+        scale = steps / 2.0**idle
+        costs = cost.evaluate(apply_offsets(pose, single * scale, centroid))
+        slope, bend = (costs[:6] - costs[6:]) / 2.0, costs[:6] + costs[6:] - 2.0 * lowest
+        bottom = -slope / np.maximum(bend, _FLAT)  # far away where there is none
+        bottom = np.clip(bottom, -1.0, 1.0)
+        best = single[costs.argmin()] * (costs.min() < lowest)
+        tried = np.stack([bottom, bottom / 2.0, best, (bottom + best) / 2.0])
+        poses = apply_offsets(pose, tried * scale, centroid)
+        costs = cost.evaluate(poses)
+        row = int(costs.argmin())
+        if costs[row] >= lowest:
+            idle += 1
+            continue
+        pose, lowest = poses[row], float(costs[row])
+        idle += int(np.abs(tried[row]).max() < 0.5)
+    return pose, iteration
+
+
+def _box(theta_deg: float, tau_mm: float) -> Offset:
+    """Half the sides of a box, of three angles (rad) and three distances (m)."""
+    return np.repeat([np.deg2rad(theta_deg), tau_mm / 1000.0], 3)
