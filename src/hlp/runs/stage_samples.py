@@ -27,7 +27,7 @@ from hlp.records import (
     frame_key,
 )
 from hlp.refinement.cost import DepthCost
-from hlp.refinement.pso import PsoSettings, search
+from hlp.refinement.pso import PsoSettings, descend, search
 from hlp.refinement.refiner import cost_around
 from hlp.refinement.verification import Observation, observe
 from hlp.reporting.figures.panels import SeenTarget
@@ -229,8 +229,11 @@ def swarms_of_target(
 def search_again(
     settings: PsoSettings, found: FrameResults, model: ObjectModel, start: Pose
 ) -> Float[np.ndarray, "rounds particles"]:
-    """Costs of all particles in a search from a coarse pose, with random numbers of its own."""
+    """Costs of all particles in the swarm of a coarse pose, with random numbers of its own."""
     seen = _observation(settings, found)
+    if settings.descent is not None:
+        cost = cost_around(model, seen, start, settings.cost)
+        start, _ = descend(cost, start, model.centroid, settings.descent)
     edges = seen.edges_of(model)
     cost = RecordedCost(model.proxy, seen.depth, seen.camera_matrix, start, settings.cost, edges)
     search(cost, start, model.centroid, settings, np.random.default_rng(0))

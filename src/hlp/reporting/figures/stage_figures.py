@@ -187,7 +187,7 @@ def swarm_figure(targets: Sequence[SwarmsOfTarget]) -> "Figure":
     figure.legend(
         named.values(), named, loc="outside lower center", ncols=3, frameon=False, fontsize=8
     )
-    figure.suptitle("Particle swarm: costs of the poses that it tries, from coarse poses on")
+    figure.suptitle("Particle swarm: costs of the poses that it tries")
     return figure
 
 
