@@ -66,7 +66,7 @@ def test_a_pose_that_cannot_be_bettered_is_kept(settings):
 
 
 def test_a_hopeless_pose_has_no_swarm_and_others_are_not_affected(scene, settings, descending):
-    """The question is about the pose that three parabolas led to; swarms begin after six."""
+    """It is asked about the pose after three parabolas; swarms begin after six."""
     coarse = Hypotheses(np.stack([disturbed(scene, 15, 10, k) for k in range(3)]), np.ones(3))
     asked = []
 
@@ -94,10 +94,8 @@ def test_a_first_look_needs_no_swarm_and_is_nearly_as_exact(scene, settings, des
     again = PsoRefiner(descending).soon().refine(*given, seed=1)
     for one, other in zip(found, again, strict=True):
         np.testing.assert_array_equal(one.pose_cam_obj, other.pose_cam_obj)
-    before, after = (
-        np.mean([error(scene, pose) for pose in poses])
-        for poses in (coarse.poses_cam_obj, [each.pose_cam_obj for each in found])
-    )
+    poses = coarse.poses_cam_obj, [each.pose_cam_obj for each in found]
+    before, after = (np.mean([error(scene, pose) for pose in some]) for some in poses)
     assert after < 0.3 * before
     assert (swarms := PsoRefiner(settings)).soon() is swarms
 

@@ -77,10 +77,7 @@ class PsoSettings(Settings):
     ] = True
     descent: Annotated[
         DescentSettings | None,
-        Doc(
-            "steps by parabolas before a hypothesis has its swarm: three of them lead nearer than "
-            "four iterations of a swarm, with a third of the costs (D); null: none (P)"
-        ),
+        Doc("steps by parabolas before a hypothesis has its swarm (D); null: none (P)"),
     ] = field(default_factory=lambda: DescentSettings(10.0, 8.0, 6, 6))
     second_search: Annotated[
         DescentSettings | None,
