@@ -169,7 +169,7 @@ class Soon(Estimator):
         ([0.997, 0.6], 9, 0.5, 0.9, [0.25, 1.0]),
         ([0.99], 1, None, 0.9, [0.25, 1.0]),
         ([], 1, 0.5, 0.9, [0.25, 1.0]),
-        ([0.997], 1, None, 0.1, [1.0]),  # hardly there
+        ([0.997], 1, None, 0.3, [1.0]),  # hardly there
         ([0.997], 2, None, 0.9, [1.0]),  # several are known to be there
     ],
 )

@@ -21,7 +21,7 @@ _LIKELIEST = 8  # windows by which it is judged whether an object is there
 _FEW_PATCHES = 0.25  # of all: enough for most objects in plain view (D)
 _FEW_POSES = 20  # those with most votes (D)
 _SURE_ALONE = 0.995  # score of a pose that no other is compared with: one turned over may score .99
-_MAY_BE_SURE = 0.15  # mean in the likeliest windows: with less, an object is hardly ever there (D)
+_MAY_BE_SURE = 0.4  # mean in the likeliest windows: with .2, a weak network gave a sure wrong pose
 _CALLER = ThreadTeam(1)
 
 
