@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 LIMITS = {
     "lines of src": 36_660,  # aim: 24,000
     "modules of src": 222,
-    "lines of tests": 32_078,  # aim: 22,000
+    "lines of tests": 32_070,  # aim: 22,000
     "files of conf": 59,
     "words of docs": 12_157,
     "words of README": 600,
